@@ -13,11 +13,11 @@ SUDO := $(shell test "$$(id -u)" = 0 || echo sudo)
 INSTALL_VENV := { echo "Installing python3-venv, which $(PYTHON) -m venv needs"; $(SUDO) apt-get update -qq && $(SUDO) DEBIAN_FRONTEND=noninteractive apt-get install -y -qq python3-venv >/dev/null; }
 
 # What `evbotos build` and `evbotos run` call; evbotos/hosttools.py names each where one is missing.
-EVBOTOS_TOOLS := apt bc binutils bison device-tree-compiler dosfstools dpkg e2fsprogs fdisk flex gcc gcc-aarch64-linux-gnu gcc-arm-linux-gnueabihf \
+EVBOTOS_TOOLS := apt bc binutils bison cryptsetup-bin device-tree-compiler dosfstools dpkg e2fsprogs fdisk flex gcc gcc-aarch64-linux-gnu gcc-arm-linux-gnueabihf \
 	grub-common libelf-dev libssl-dev make mtools openssh-client qemu-system-arm qemu-system-x86 squashfs-tools \
 	tar u-boot-tools xz-utils zstd
 
-.PHONY: lock locked sbom demo demo-network lab test test-slow check docs bench bench-peers bench-scale bench-go bench-proof soak fuzz fuzz-motions figures format evbotos-setup test-evbotos clean help
+.PHONY: lock locked sbom demo demo-network lab test test-slow check docs bench bench-peers bench-scale bench-go bench-proof soak fuzz fuzz-motions figures format evbotos-setup test-evbotos test-bitbake clean help
 
 help:  ## show this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -116,6 +116,9 @@ evbotos-setup:  ## install the programs that building and trying images of EvBot
 
 test-evbotos: $(STAMP)  ## build images, boot them in QEMU and try them, updates and power cuts included
 	$(BIN)/python -m pytest tests/evbotos -m evbotos -rA --timeout=3600
+
+test-bitbake: $(STAMP)  ## plan the OpenEmbedded images with real BitBake from a folder of git mirrors: MIRRORS=/srv/git
+	@$(BIN)/python -m tests.evbotos.bitbake $(MIRRORS)
 
 clean:  ## remove the environment and caches
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

@@ -17,8 +17,8 @@ from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.strict_model import NAMES_ONLY, StrictModel, Version1, problems_from
 from eal_actors.kernel.yaml_source import load_yaml
 from evbotos.definitions import Definitions, load_definitions
+from evbotos.fields import ROOTFS
 from evbotos.model import Image
-from evbotos.plan import ROOTFS
 
 FOLDER: Final = Path(__file__).parent / "openembedded"
 PLUGINS: Final = Path(__file__).parent.parent / "plugins"
@@ -60,7 +60,7 @@ class Agreement(StrictModel):
     """By platform."""
 
 
-_LAYERS: Final = {"meta-raspberrypi": ("https://git.yoctoproject.org/meta-raspberrypi", "master")}
+_LAYERS: Final = {"meta-raspberrypi": ("https://git.yoctoproject.org/meta-raspberrypi", "wrynose")}
 """Further layers: repository and branch; meta-raspberrypi has no branch for the series yet."""
 
 
@@ -126,13 +126,13 @@ def installed_by(image: Image, agreement: Agreement) -> list[str]:
 
 
 def _package_groups(definitions: Definitions, agreement: Agreement) -> str:
-    names = [f"${{PN}}-{name}" for name in sorted(definitions.images)]
+    names = [f"${{PN}}-{name}-image" for name in sorted(definitions.images)]
     text = _MADE + 'SUMMARY = "The packages of each image"\n'
     text += 'DESCRIPTION = "One package group for each image of the definitions."\nSECTION = "base"\n\n'
     text += 'PACKAGE_ARCH = "${MACHINE_ARCH}"\n\ninherit packagegroup\n\n'
     text += _assigned("PACKAGES", names)
     for name, image in sorted(definitions.images.items()):
-        text += "\n" + _assigned(f"RDEPENDS:${{PN}}-{name}", installed_by(image, agreement))
+        text += "\n" + _assigned(f"RDEPENDS:${{PN}}-{name}-image", installed_by(image, agreement))
     return text
 
 
@@ -142,7 +142,7 @@ def _image(image: Image) -> str:
         f'{_MADE}SUMMARY = "EvBotOS: {image.name}"\n'
         f'DESCRIPTION = "{image.description.replace("`", "")}."\n\n'
         "require evbotos-image.inc\n\n"
-        f'IMAGE_INSTALL = "packagegroup-evbotos-{image.name}"\n\n'
+        f'IMAGE_INSTALL = "packagegroup-evbotos-{image.name}-image"\n\n'
         "# Sizes of the disk's partitions in MiB.\n"
         f'EVBOTOS_BOOT_MIB = "{layout.boot}"\n'
         f'EVBOTOS_SLOT_MIB = "{layout.slot}"\n'

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import typer
 
@@ -112,10 +112,9 @@ def times(output: _OutputOption = OUTPUT, as_json: _JsonOption = False) -> None:
     for build in builds:
         found = {step["name"]: step for step in build["steps"]}
         cells = [_step(found[name]) if name in found else "" for name in steps]
-        total = sum(step["seconds"] for step in build["steps"])
-        table.add_row(build["platform"], build["image"], *cells, f"{total:.1f}")
+        table.add_row(build["platform"], build["image"], *cells, _total(build["steps"]))
     out = console()
-    out.print("Seconds of the last build; steps in brackets came from the cache.")
+    out.print("Seconds that each step took when it was made; those in brackets were made by an earlier build.")
     out.print(table)
     out.print()
     table = new_table("the thesis's base image (table 5.1)", "two 3.00 GHz cores", "eight 2.66 GHz cores")
@@ -124,8 +123,14 @@ def times(output: _OutputOption = OUTPUT, as_json: _JsonOption = False) -> None:
     out.print(table)
 
 
+def _total(steps: list[dict[str, Any]]) -> str:
+    return f"{sum(step.get('made_s') or step['seconds'] for step in steps):.1f}"
+
+
 def _step(step: dict[str, object]) -> str:
-    return f"({step['seconds']})" if step["cached"] else f"{step['seconds']}"
+    if not step["cached"]:
+        return f"{step['seconds']}"
+    return f"({step['made_s']})" if step.get("made_s") is not None else "(unknown)"
 
 
 def _clock(seconds: int) -> str:

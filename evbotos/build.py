@@ -25,6 +25,7 @@ from evbotos import (
     targets,
     tree,
     u_boot,
+    verity,
 )
 from evbotos.apt_sources import sources_for
 from evbotos.errors import BuildError
@@ -127,13 +128,14 @@ class Build:
             initrd = self._runner.run(self._initrd_step(lock, kernel_folder, base)) if self._is_packaged else None
             root = self._runner.run(self._root_step(lock, base))
             squashed = self._runner.run(self._squash_step(lock, root))
+            verified = self._runner.run(self._verity_step(squashed))
             loader, needs_stand_ins = self._platform.loader, self._platform.needs_stand_ins
             board = self._runner.run(self._board_step(lock, kernel_folder)) if loader == "u-boot" else None
             images = self._runner.run(self._grub_step(lock)) if loader == "grub" else None
             made = Made(
-                root=squashed,
+                root=verified,
                 kernel=kernel_folder,
-                disks=self._runner.run(self._disk_step(lock, squashed, kernel_folder, board, images)),
+                disks=self._runner.run(self._disk_step(lock, verified, kernel_folder, board, images)),
                 sizes=self._runner.run(self._sizes_step(root)),
                 initrd=initrd,
                 emulator=self._runner.run(self._emulator_step(lock, kernel_folder)) if needs_stand_ins else None,
@@ -276,6 +278,12 @@ class Build:
 
         return Step("squash", key_of([root.name, compression, lock.epoch], squash), make)
 
+    def _verity_step(self, squashed: Path) -> Step:
+        def make(out: Path) -> None:
+            verity.append_hashes(squashed, out)
+
+        return Step("verity", key_of(squashed.name, verity), make)
+
     def _board_step(self, lock: Lock, kernel_folder: Path) -> Step:
         platform = self._platform
         wanted = [package for package in lock.build_packages if package.name in platform.boot_files]
@@ -317,12 +325,14 @@ class Build:
         return {package.name: deb for package, deb in zip(wanted, debs, strict=True)}
 
     def _disk_step(
-        self, lock: Lock, squashed: Path, kernel_folder: Path, board: Path | None, images: Path | None
+        self, lock: Lock, verified: Path, kernel_folder: Path, board: Path | None, images: Path | None
     ) -> Step:
-        gathered = gather_robot_files(self._local)
+        gathered, left_out = gather_robot_files(self._local)
+        if left_out:
+            self._warn(f"left out of the robot's files, because they belong to others: {', '.join(left_out)}")
         layout, platform = self._image.layout, self._platform
         inputs = [
-            squashed.name,
+            verified.name,
             kernel_folder.name,
             board and board.name,
             images and images.name,
@@ -340,7 +350,10 @@ class Build:
                 (boot_files / name).parent.mkdir(parents=True, exist_ok=True)
                 (boot_files / name).write_bytes(content)
             kernel_file = kernel_folder / platform.kernel.file
-            what = disk.Contents(platform, squashed, kernel_file, board, images, boot_files, lock.epoch)
+            identity = verity.read_verity(verified)
+            what = disk.Contents(
+                platform, verified / verity.ROOT, identity, kernel_file, board, images, boot_files, lock.epoch
+            )
             out.mkdir()
             try:
                 disk.write_disk(out / "disk.img", layout, what)
@@ -349,7 +362,7 @@ class Build:
             finally:
                 shutil.rmtree(boot_files)
 
-        return Step("disk", key_of([inputs, contents], disk, grub, slots, u_boot), make)
+        return Step("disk", key_of([inputs, contents], disk, grub, slots, u_boot, verity), make)
 
     def _sizes_step(self, root: Path) -> Step:
         def make(out: Path) -> None:

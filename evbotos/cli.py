@@ -17,11 +17,11 @@ from evbotos.definitions import Definitions, load_definitions
 from evbotos.disk import parts_of
 from evbotos.errors import BuildError
 from evbotos.flash_command import flash
-from evbotos.hosttools import require
 from evbotos.lock import read_lock
 from evbotos.model import Image, Platform
 from evbotos.plan import make_plan
-from evbotos.qemu import run_emulator
+from evbotos.provision_command import provision
+from evbotos.run_command import run_image
 from evbotos.sdk_command import sdk
 from evbotos.slot_command import slot
 from evbotos.terminal import EPILOG, ExitCode, console, new_table, report, write_json
@@ -54,6 +54,8 @@ app.command("bench")(bench)
 app.command("times")(times)
 app.command("sdk")(sdk)
 app.command("slot")(slot)
+app.command("run")(run_image)
+app.command("provision")(provision)
 
 _PlatformArgument = Annotated[str, typer.Argument(metavar="PLATFORM", help="The board: see `evbotos list`.")]
 _ImageArgument = Annotated[str, typer.Argument(metavar="[IMAGE]", help="What goes onto it.")]
@@ -211,26 +213,6 @@ def show_sizes(
     made = [step for step in report_["steps"] if not step["cached"]]
     seconds = sum(step["seconds"] for step in report_["steps"])
     out.print(f"last build: {seconds:.1f} s, for {len(made)} of {len(report_['steps'])} steps; the others were cached")
-
-
-@app.command("run")
-def run_image(
-    platform: _PlatformArgument,
-    image: _ImageArgument = "robot",
-    local: _LocalOption = None,
-    output: _OutputOption = OUTPUT,
-    memory_mb: Annotated[
-        int | None, typer.Option("--memory-mb", min=16, help="RAM.", show_default="the platform's")
-    ] = None,
-    keep: Annotated[bool, typer.Option("--keep", help="Keep changes to the disk.")] = False,
-) -> None:
-    """Run a built image in QEMU until Ctrl-C, with its ports forwarded to this machine."""
-    _, board, _ = _chosen(platform, image, local)
-    if board.emulator is None:
-        raise BuildError(f"QEMU cannot emulate {board.name}")
-    require([board.emulator.program])
-    folder = _built_folder(output, platform, image)
-    run_emulator(board, folder, console(), memory_mb=memory_mb, keep=keep)
 
 
 def _chosen(platform: str, image: str, local: Path | None) -> tuple[Definitions, Platform, Image]:

@@ -130,6 +130,8 @@ def _with_includes(
     lists: dict[str, list[str]] = {key: [] for key in LISTS}
     for other in image.include:
         if other not in raw:
+            if (folder / "images" / f"{other}.yaml").is_file():
+                continue  # its own problems are reported
             message = f"there is no image '{other}'{did_you_mean(other, raw)}"
             problems.append(Problem(file, 0, 0, "include", message))
             continue

@@ -18,6 +18,7 @@ from evbotos.errors import BuildError
 from evbotos.hosttools import tool
 from evbotos.model import Layout, Platform
 from evbotos.shell import run
+from evbotos.verity import Verity
 
 MIB: Final = 1 << 20
 START: Final = MIB
@@ -68,7 +69,8 @@ class Contents:
 
     Attributes:
         platform: the board.
-        root: the compressed root file system for slot A.
+        root: the compressed root file system for slot A, with its hash tree.
+        verity: what identifies it.
         kernel: the kernel file for both slots, if a loader on the disk starts it.
         board: a folder with the files that the board's ROM loads, for the boot partition, or None.
         grub: a folder with GRUB's images, which are written before the first partition, or None.
@@ -78,6 +80,7 @@ class Contents:
 
     platform: Platform
     root: Path
+    verity: Verity
     kernel: Path
     board: Path | None
     grub: Path | None
@@ -170,6 +173,8 @@ def _fill_slots(boot: Path, contents: Contents, line: str) -> None:
         text = u_boot.script(contents.platform, line, DISK_ID)
         (boot / u_boot.SCRIPT).write_bytes(u_boot.compile_script(text, contents.epoch))
     (boot / slots.FILE).write_bytes(slots.state_block(slots.FIRST))
+    for slot, variables in (("a", contents.verity.hash_file()), ("b", {})):
+        (boot / slots.hash_file(slot)).write_bytes(slots.state_block(variables))
 
 
 def _fat(tree: Path, volume_id: str, size: int, work: Path, epoch: int) -> Path:

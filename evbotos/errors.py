@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from eal_actors.kernel.errors import EALError
+
+RESUME: Final = "free space and build again, finished steps are kept"
 
 
 class BuildError(EALError, RuntimeError):

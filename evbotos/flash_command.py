@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Final
 
 import typer
@@ -17,6 +18,7 @@ from evbotos.block_devices import System, Target
 from evbotos.disk_image import DiskImage, check_image
 from evbotos.errors import FlashError
 from evbotos.flash import Lost, Phase, Tell, opened, refusals, what_is_on, write_image
+from evbotos.identity import image_with
 from evbotos.terminal import console, new_table, write_json
 
 _DOUBTED: Final = "It may contain a file system that this machine does not know."
@@ -29,13 +31,22 @@ def flash(
     not_removable: Annotated[
         bool, typer.Option("--not-removable", help="Allow a fixed disk or a regular file.")
     ] = False,
+    identity: Annotated[
+        Path | None, typer.Option("--identity", show_default=False, help="A robot's identity of `evbotos provision`.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Write JSON.")] = False,
 ) -> None:
     """Write an image to a card or disk, read it back and compare.
 
     Mounted, used, too small and system disks are refused. The data that will be lost is shown first.
     """
-    source = check_image(image)
+    check_image(image)
+    with TemporaryDirectory(prefix="evbotos-flash-") as work:
+        source = check_image(image if identity is None else image_with(identity, image, Path(work)))
+        _flash(source, device, yes=yes, not_removable=not_removable, as_json=as_json)
+
+
+def _flash(source: DiskImage, device: Path, *, yes: bool, not_removable: bool, as_json: bool) -> None:
     target = System().target(device)
     _require_allowed(source, target, not_removable)
     _show(source, target, what_is_on(target))
@@ -52,12 +63,12 @@ def flash(
         )
         raise
     if as_json:
-        write_json({"image": str(image), "device": str(device), **dataclasses.asdict(flashed)})
+        write_json({"image": str(source.path), "device": str(device), **dataclasses.asdict(flashed)})
     else:
         speed = flashed.size / 1e6 / max(flashed.write_s, 1e-9)
         console().print(
-            f"{device} holds {image.name}: {flashed.size} bytes written in {flashed.write_s:.1f} s ({speed:.1f} MB/s) "
-            f"and verified in {flashed.check_s:.1f} s.",
+            f"{device} holds {source.path.name}: {flashed.size} bytes written in {flashed.write_s:.1f} s "
+            f"({speed:.1f} MB/s) and verified in {flashed.check_s:.1f} s.",
             soft_wrap=True,
         )
 

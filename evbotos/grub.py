@@ -13,6 +13,7 @@ from evbotos.errors import BuildError
 from evbotos.hosttools import tool
 from evbotos.model import GRUB_PACKAGE
 from evbotos.shell import run
+from evbotos.verity import kernel_words
 
 SECTOR: Final = 512
 _MODULES: Final = (
@@ -35,12 +36,14 @@ def menu(kernel_line: str, disk_id: str) -> str:
 
     A slot in `try` starts once: unless its system marks it as good, the next start uses the other slot.
     After three failed starts in a row, a good slot yields to the other one: GRUB counts the starts in `starts`,
-    and the system clears it. A slot whose kernel cannot be loaded yields immediately.
+    and the system clears it. A slot whose kernel cannot be loaded yields immediately. A slot without a root hash does
+    not start.
 
     Args:
         kernel_line: the kernel's command line without root and slot.
         disk_id: the disk's signature, eight hex digits.
     """
+    root = kernel_words(disk_id, "$part", "$sectors", "$verity")
     return f"""serial --unit=0 --speed=115200
 terminal_input serial console
 terminal_output serial console
@@ -60,8 +63,14 @@ fi
 save_env --file ($root)/{slots.FILE} try starts
 for turn in 1 2; do
   if [ "$slot" = b ]; then set part=03; else set part=02; fi
-  echo "evbotos: slot $slot"
-  if linux ($root)/vmlinuz-$slot root=PARTUUID={disk_id}-$part {kernel_line} evbotos.slot=$slot; then boot; fi
+  set verity=
+  load_env --file ($root)/root-$slot.env sectors verity
+  if [ -n "$verity" ]; then
+    echo "evbotos: slot $slot"
+    if linux ($root)/vmlinuz-$slot {root} {kernel_line} evbotos.slot=$slot; then boot; fi
+  else
+    echo "evbotos: no verified system in the other slot, $slot"
+  fi
   if [ "$slot" = a ]; then set slot=b; else set slot=a; fi
 done
 reboot

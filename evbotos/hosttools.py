@@ -24,7 +24,9 @@ PACKAGES: Final = {
     "setpriv": "util-linux",
     "mformat": "mtools",
     "mcopy": "mtools",
+    "mdir": "mtools",
     "mke2fs": "e2fsprogs",
+    "veritysetup": "cryptsetup-bin",
     "grub-mkimage": "grub-common",
     "mkimage": "u-boot-tools",
     "fdtput": "device-tree-compiler",
@@ -58,7 +60,7 @@ _KERNEL: Final = (
     "/usr/include/gelf.h",
     "/usr/include/openssl/opensslv.h",
 )
-_DISK: Final = ("sfdisk", "mformat", "mcopy", "mke2fs")
+_DISK: Final = ("sfdisk", "mformat", "mcopy", "mke2fs", "veritysetup")
 _GRUB: Final = ("grub-mkimage",)
 _U_BOOT: Final = ("mkimage",)
 _ADMIN_FOLDERS: Final = ("/usr/sbin", "/sbin")

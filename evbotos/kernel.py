@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shutil
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Final
 
 from evbotos.errors import BuildError
@@ -15,7 +14,9 @@ from evbotos.shell import run
 
 FOLDER: Final = Path(__file__).parent / "kernel"
 CONFIG: Final = "config"
-_REPRODUCIBLE: Final = {"KBUILD_BUILD_USER": "evbotos", "KBUILD_BUILD_HOST": "evbotos"}
+_WORK: Final = "kernel-work-"
+"""The beginning of the folder in which a kernel is compiled; a killed build leaves it, and the next one resumes."""
+_REPRODUCIBLE: Final = {"KBUILD_BUILD_USER": "evbotos", "KBUILD_BUILD_HOST": "evbotos", "KBUILD_BUILD_VERSION": "1"}
 
 
 def fragments_text(kernel: Kernel, folder: Path = FOLDER) -> str:
@@ -53,25 +54,46 @@ def build_kernel(kernel: Kernel, source: Path, out: Path, work: Path) -> None:
     Raises:
         BuildError: an option is refused, or the compilation fails.
     """
-    with TemporaryDirectory(dir=work, prefix=".part-kernel-") as folder:
-        tree, date = _unpack(source, Path(folder))
-        make = [tool("make"), "-s", f"ARCH={kernel.architecture}", f"-j{os.cpu_count() or 1}"]
-        if kernel.cross is not None:
-            make.append(f"CROSS_COMPILE={kernel.cross}")
-        stamp = {"KBUILD_BUILD_TIMESTAMP": f"@{date}", **_REPRODUCIBLE}
-        run([*make, kernel.base], cwd=tree, env=stamp)
-        wanted = fragments_text(kernel)
-        with (tree / ".config").open("a") as file:
-            file.write(wanted)
-        run([*make, "olddefconfig"], cwd=tree, env=stamp)
-        refused = refused_options(wanted, (tree / ".config").read_text())
-        if refused:
-            raise BuildError(f"the kernel refuses these options: {', '.join(refused)}")
-        trees = [f"arch/{kernel.architecture}/boot/dts/{name}" for name in kernel.device_trees]
-        run([*make, Path(kernel.image).name, *(name.partition("/dts/")[2] for name in trees)], cwd=tree, env=stamp)
-        out.mkdir(parents=True)
-        for name in (kernel.image, *trees, ".config"):
-            shutil.copy(tree / name, out / (Path(name).name if name != ".config" else CONFIG))
+    folder = work / f"{_WORK}{out.name.removeprefix('.part-')}"
+    for other in work.glob(f"{_WORK}*"):
+        if other != folder:
+            shutil.rmtree(other)  # of a build that was given up
+    tree, date = _unpacked(source, folder)
+    _compile(kernel, tree, date, out)
+    shutil.rmtree(folder)
+
+
+def _compile(kernel: Kernel, tree: Path, date: int, out: Path) -> None:
+    """Compile, or go on where a killed build ended: make skips the finished objects."""
+    make = [tool("make"), "-s", f"ARCH={kernel.architecture}", f"-j{os.cpu_count() or 1}"]
+    if kernel.cross is not None:
+        make.append(f"CROSS_COMPILE={kernel.cross}")
+    stamp = {"KBUILD_BUILD_TIMESTAMP": f"@{date}", **_REPRODUCIBLE}
+    run([*make, kernel.base], cwd=tree, env=stamp)
+    wanted = fragments_text(kernel)
+    with (tree / ".config").open("a") as file:
+        file.write(wanted)
+    run([*make, "olddefconfig"], cwd=tree, env=stamp)
+    refused = refused_options(wanted, (tree / ".config").read_text())
+    if refused:
+        raise BuildError(f"the kernel refuses these options: {', '.join(refused)}")
+    trees = [f"arch/{kernel.architecture}/boot/dts/{name}" for name in kernel.device_trees]
+    run([*make, Path(kernel.image).name, *(name.partition("/dts/")[2] for name in trees)], cwd=tree, env=stamp)
+    out.mkdir(parents=True)
+    for name in (kernel.image, *trees, ".config"):
+        shutil.copy(tree / name, out / (Path(name).name if name != ".config" else CONFIG))
+
+
+def _unpacked(source: Path, folder: Path) -> tuple[Path, int]:
+    """Return the folder of the source and its date; a source that an earlier build has unpacked is used again."""
+    done = folder / "unpacked"
+    if not done.is_file():
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        tree, date = _unpack(source, folder)
+        done.write_text(f"{tree.name} {date}\n")
+    name, date_text = done.read_text().split()
+    return folder / name, int(date_text)
 
 
 def _unpack(source: Path, folder: Path) -> tuple[Path, int]:

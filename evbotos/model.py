@@ -5,20 +5,41 @@ from __future__ import annotations
 from pathlib import PurePath
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import Discriminator, Field, NonNegativeInt, PositiveFloat, PositiveInt, Tag
+from pydantic import (
+    Discriminator,
+    Field,
+    NonNegativeInt,
+    PositiveFloat,
+    Tag,
+    ValidationInfo,
+    field_validator,
+)
 
 from eal_actors.kernel.strict_model import NAMES_ONLY, Name, StrictModel, Version1
+from evbotos.fields import (
+    KERNEL_MB,
+    LARGEST_MIB,
+    MACHINES,
+    SMALLEST_BOOT_MIB,
+    File,
+    FileName,
+    Folder,
+    LayerName,
+    Mebibytes,
+    Mirror,
+    PackageName,
+    ServiceName,
+    SshKey,
+    Text,
+    Texts,
+    WheelName,
+)
 
 GRUB_PACKAGE: Final = "grub-pc-bin"
 """The Debian packages that boot a PC."""
 
 Architecture = Literal["amd64", "arm64", "armhf", "i386"]
 """As Debian names it."""
-
-Text = Annotated[str, Field(min_length=1)]
-Texts = Annotated[tuple[Text, ...], Field(strict=False)]
-PackageName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9+.-]+$")]
-WheelName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*(\[[a-z,]+\])?([=<>!~].*)?$")]
 
 
 class Kernel(StrictModel):
@@ -99,11 +120,11 @@ class EmulatorLoader(StrictModel):
 class Emulator(StrictModel):
     """QEMU's emulation of the board."""
 
-    program: Text
+    program: Literal["qemu-system-x86_64", "qemu-system-i386", "qemu-system-arm", "qemu-system-aarch64"]
     machine: Text
     cpu: Text | None = None
-    cpus: PositiveInt = 1
-    memory_mb: PositiveInt = 128
+    cpus: Annotated[int, Field(gt=0, le=16)] = 1
+    memory_mb: Annotated[int, Field(ge=16, le=65536)] = 128
     network: Text = "virtio-net-pci"
     """The network card by its `-device` name; a built-in card by its `-net nic,model=` name."""
     network_on_board: bool = False
@@ -131,8 +152,8 @@ class Platform(StrictModel):
     name: Name
     description: Text
     architecture: Architecture
-    suite: Text = "bookworm"
-    """Of Debian."""
+    suite: Literal["bookworm"] = "bookworm"
+    """Of Debian: the images need its Python 3.11."""
     wheel_tags: Texts
     """The tags of compatible Python wheels, best first."""
     floor: Text
@@ -148,15 +169,31 @@ class Platform(StrictModel):
     """The compression of the root: xz is smaller, zstd boots several times faster."""
     compiled_wheels: dict[PackageName, Texts] = Field(default={})
     """Python packages without a wheel for this platform, with their build tools."""
-    boot_files: dict[PackageName, dict[Text, Text]] = Field(default={})
+    boot_files: dict[PackageName, dict[Text, FileName]] = Field(default={})
     """The files that the board's ROM loads, by Debian package, with their names on the boot partition."""
-    boot_texts: dict[Text, Text] = Field(default={})
+    boot_texts: dict[FileName, Text] = Field(default={})
     """Text files on the boot partition by name, for these loaders."""
     components: Texts = ()
     """Archive components besides `main`, such as `non-free-firmware`."""
     packages: Annotated[tuple[PackageName, ...], Field(strict=False)] = ()
     """The packages of every image of this platform."""
     emulator: Emulator | None = None
+
+    @field_validator("wheel_tags", "kernel", "boot", "emulator")
+    @classmethod
+    def _fits_the_architecture(cls, value: Any, info: ValidationInfo) -> Any:
+        machine = MACHINES.get(info.data.get("architecture", ""))
+        if machine is None:  # reported already
+            return value
+        if info.field_name == "wheel_tags" and (wrong := [tag for tag in value if not tag.endswith(machine.wheels)]):
+            raise ValueError(f"wheels of {info.data['architecture']} end in {machine.wheels}, not {wrong[0]!r}")
+        if isinstance(value, Kernel) and value.architecture != machine.kernel:
+            raise ValueError(f"is for {value.architecture}, but the platform's kernel is for {machine.kernel}")
+        if info.field_name == "boot" and (value == "grub") != machine.is_pc:
+            raise ValueError(f"{info.data['architecture']} is started by {'grub' if machine.is_pc else 'u-boot'}")
+        if isinstance(value, Emulator) and value.program != machine.emulator:
+            raise ValueError(f"{info.data['architecture']} is emulated by {machine.emulator}, not {value.program}")
+        return value
 
     @property
     def loader(self) -> Literal["grub", "u-boot", "none"]:
@@ -201,9 +238,9 @@ class Budget(StrictModel):
 class Layout(StrictModel):
     """Sizes of the disk's parts, in MiB."""
 
-    boot: PositiveInt = 16
-    slot: PositiveInt = 48
-    data: PositiveInt = 15
+    boot: Annotated[int, Field(ge=SMALLEST_BOOT_MIB, le=LARGEST_MIB)] = 16
+    slot: Mebibytes = 48
+    data: Annotated[int, Field(ge=2, le=LARGEST_MIB)] = 15
 
 
 class Image(StrictModel):
@@ -222,9 +259,9 @@ class Image(StrictModel):
     """Python packages, installed with their dependencies."""
     project: bool = False
     """Whether the image contains this project with its plugins and fleets."""
-    services: Annotated[tuple[Name, ...], Field(strict=False)] = ()
+    services: Annotated[tuple[ServiceName, ...], Field(strict=False)] = ()
     """Services started at boot: folders of `evbotos/rootfs/services`."""
-    files: Annotated[tuple[Name, ...], Field(strict=False)] = ()
+    files: Annotated[tuple[LayerName, ...], Field(strict=False)] = ()
     """Further folders of `evbotos/rootfs` to copy onto the root."""
     prune: Texts = ()
     """Patterns of paths to leave out."""
@@ -237,13 +274,21 @@ class Image(StrictModel):
     budget_mb: Budget
     layout: Layout = Layout()
 
+    @field_validator("layout")
+    @classmethod
+    def _holds_the_root(cls, value: Layout, info: ValidationInfo) -> Layout:
+        budget = info.data.get("budget_mb")
+        if budget is not None and value.slot * (1 << 20) < (budget.root_with_kernel - KERNEL_MB) * 1e6:
+            raise ValueError(f"a slot of {value.slot} MiB is smaller than a root of {budget.root_with_kernel:g} MB")
+        return value
+
 
 class ImageOverride(StrictModel):
     """A user's changes to an image."""
 
     packages: Annotated[tuple[PackageName, ...], Field(strict=False)] = ()
     wheels: Annotated[tuple[WheelName, ...], Field(strict=False)] = ()
-    services: Annotated[tuple[Name, ...], Field(strict=False)] = ()
+    services: Annotated[tuple[ServiceName, ...], Field(strict=False)] = ()
     budget_mb: Budget | None = None
     layout: Layout | None = None
 
@@ -252,15 +297,15 @@ class Local(StrictModel):
     """A user's `local.yaml`, which overrides everything (like OpenEmbedded's local overlay)."""
 
     version: Version1
-    mirror: Text | None = None
+    mirror: Mirror | None = None
     """A package mirror that replaces the build machine's apt configuration."""
     cache: Text | None = None
     """The cache folder; defaults to the user's cache folder."""
-    ssh_keys: Texts = ()
+    ssh_keys: Annotated[tuple[SshKey, ...], Field(strict=False)] = ()
     """Public keys with login permission, in the format of authorized_keys."""
-    robot: Text | None = None
+    robot: Folder | None = None
     """A folder with a robot's own files (`fleet.yaml`, keys, `name`), copied to the boot partition."""
-    update_key: Text | None = None
+    update_key: File | None = None
     """The public key (ed25519, PEM) that verifies updates; without a key the robot accepts no updates."""
     images: dict[Name, ImageOverride] = Field(default={}, json_schema_extra=NAMES_ONLY)
     platforms: dict[Name, PlatformOverride] = Field(default={}, json_schema_extra=NAMES_ONLY)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import eal_actors
-from evbotos import sbom
+from evbotos import sbom, slots, verity
 from evbotos.hashing import file_sha256
 from evbotos.lock import Lock
 from evbotos.model import Image, Platform
@@ -35,7 +35,7 @@ class Made:
     """The paths of the steps' results.
 
     Attributes:
-        root: the compressed root.
+        root: a folder with the compressed root and its hash tree.
         kernel: a folder with the kernel and its device trees.
         disks: a folder with `disk.img`, and `boot.img` for boards with GRUB.
         sizes: the size by component.
@@ -59,6 +59,7 @@ def manifest_of(lock: Lock, image: Image) -> dict[str, Any]:
         "image": lock.image,
         "eal_actors": eal_actors.__version__,
         "epoch": lock.epoch,
+        "release": slots.release_of(eal_actors.__version__, lock.epoch),
         "kernel": lock.kernel.version,
         "packages": {item.name: item.version for item in lock.packages if item.name not in left_out},
         "left_out": sorted(left_out & {item.name for item in lock.packages}),
@@ -89,7 +90,7 @@ def write_outputs(
     """
     folder.mkdir(parents=True, exist_ok=True)
     sources: dict[str, Path | None] = {
-        "root.squashfs": made.root,
+        "root.squashfs": made.root / verity.ROOT,
         "kernel": made.kernel / platform.kernel.file,
         "disk.img": made.disks / "disk.img",
         "boot.img": made.disks / "boot.img",
@@ -111,6 +112,7 @@ def write_outputs(
             name: {"mb": round(path.stat().st_size / 1e6, 2), "sha256": file_sha256(path)}
             for name, path in files.items()
         },
+        "verity": asdict(verity.read_verity(made.root)),
         "root_with_kernel_mb": round(root_with_kernel_mb(made, platform), 2),
         "budget_mb": image.budget_mb.root_with_kernel,
         "steps": [asdict(step) for step in steps],
@@ -122,4 +124,4 @@ def write_outputs(
 
 def root_with_kernel_mb(made: Made, platform: Platform) -> float:
     """Return the size of root and kernel in MB (10^6 bytes)."""
-    return (made.root.stat().st_size + (made.kernel / platform.kernel.file).stat().st_size) / 1e6
+    return ((made.root / verity.ROOT).stat().st_size + (made.kernel / platform.kernel.file).stat().st_size) / 1e6

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from evbotos.disk import parts_of
+from evbotos.fields import ROOTFS
 from evbotos.hosttools import find_tool, needed_for
 from evbotos.kernel import fragments_text
 from evbotos.lock import Lock, asked_by
 from evbotos.model import Image, Kernel, Platform
-
-ROOTFS: Final = Path(__file__).parent / "rootfs"
 
 
 def layers_of(image: Image, rootfs: Path = ROOTFS) -> list[Path]:
@@ -112,6 +111,7 @@ def _steps(platform: Platform, image: Image) -> list[str]:
         "base: unpack, prune, compile Python, check for missing libraries",
         f"root: add {', '.join(image.services)}" + (", and this project" if image.project else ""),
         f"squash: compress with {platform.compression}",
+        "verity: append the hash tree with which the kernel verifies each block",
         f"disk: boot partition, slots A and B, data; to start it: {boot}",
         *stand_ins,
         "outputs: manifest, bill of materials, sizes",

@@ -8,13 +8,11 @@ import re
 import shutil
 import socket
 import subprocess
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import IO, Any, Final
-
-from rich.console import Console
 
 from eal_actors.kernel.clock import REAL_TIME
 from evbotos.disk import DISK_ID, kernel_line
@@ -267,38 +265,3 @@ def _connect(process: subprocess.Popen[bytes], path: Path, said: Path) -> socket
         REAL_TIME.sleep(0.02)
     control.close()
     raise BuildError(f"qemu does not start: {said.read_text(errors='replace').strip() or 'no output'}")
-
-
-def run_emulator(
-    platform: Platform, folder: Path, out: Console, *, memory_mb: int | None = None, keep: bool = False
-) -> None:
-    """Run a built image until it ends or Ctrl-C, and print its console.
-
-    Args:
-        platform: a platform with an emulator.
-        folder: the output folder of the build.
-        out: the terminal for ports and console.
-        memory_mb: RAM; None selects the platform's default.
-        keep: modify the built disk instead of a temporary copy.
-
-    Raises:
-        BuildError: QEMU does not start.
-    """
-    console = folder / "console.log"
-    console.write_bytes(b"")
-    with TemporaryDirectory(prefix="evbotos-disk-") as work:
-        disk = folder / "disk.img"
-        if not keep:
-            disk = Path(shutil.copyfile(disk, Path(work) / "disk.img"))
-        with running(platform, folder, disk, console, memory_mb) as machine, console.open(errors="replace") as said:
-            _show_ports(out, machine.ports)
-            while machine.is_running():
-                out.print(said.read(), end="", soft_wrap=True)
-                REAL_TIME.sleep(0.2)
-            out.print(said.read(), end="", soft_wrap=True)
-
-
-def _show_ports(out: Console, ports: Mapping[str, int]) -> None:
-    out.print(f"SSH: ssh -p {ports['ssh']} root@127.0.0.1", soft_wrap=True)
-    out.print(f"EAL: EVBOT_PORT={ports['eal']} eal run SCENARIO --fleet FLEET", soft_wrap=True)
-    out.print("Ctrl-C ends it.")

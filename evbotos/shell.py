@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from evbotos.errors import BuildError, DiskFullError
+from evbotos.errors import RESUME, BuildError, DiskFullError
 
 _SHOWN_LINES: Final = 12
 _TIMEOUT_S: Final = 3600.0
@@ -78,6 +78,6 @@ def run_binary(
     if done.returncode:
         said = (done.stderr or done.stdout).decode(errors="replace")
         if os.strerror(errno.ENOSPC) in said:
-            raise DiskFullError(f"{name} failed: the disk is full; free space and build again, finished steps are kept")
+            raise DiskFullError(f"{name} failed: the disk is full; {RESUME}")
         raise BuildError("\n".join([f"{name} failed with {done.returncode}", *said.splitlines()[-_SHOWN_LINES:]]))
     return done.stdout

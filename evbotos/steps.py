@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import shutil
@@ -11,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from eal_actors.kernel.clock import REAL_TIME
-from evbotos.errors import BuildError
+from evbotos.errors import RESUME, BuildError, DiskFullError
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,12 +39,14 @@ class StepDone:
         key: the hash of its inputs.
         seconds: its duration in this build.
         cached: whether the result came from the cache.
+        made_s: how long its result took to make, in this build or an earlier one; None if not known.
     """
 
     name: str
     key: str
     seconds: float
     cached: bool
+    made_s: float | None = None
 
 
 @dataclass
@@ -80,8 +83,20 @@ class Runner:
         else:
             self.tell(step.name)
             self._make(step, outcome)
-        self.done.append(StepDone(step.name, step.key, round(REAL_TIME.now() - start_s, 2), cached))
+        seconds = round(REAL_TIME.now() - start_s, 2)
+        self.done.append(
+            StepDone(step.name, step.key, seconds, cached, self._made_s(step, None if cached else seconds))
+        )
         return outcome
+
+    def _made_s(self, step: Step, seconds: float | None) -> float | None:
+        """Note how long a step took, or return what was noted when it was made."""
+        note = self.folder / "seconds" / f"{step.name}-{step.key}"
+        if seconds is not None:
+            note.parent.mkdir(exist_ok=True)
+            note.write_text(f"{seconds}\n")
+            return seconds
+        return float(note.read_text()) if note.is_file() else None
 
     def _make(self, step: Step, outcome: Path) -> None:
         part = outcome.with_name(f".part-{step.key}")
@@ -91,11 +106,22 @@ class Runner:
             step.make(part)
             part.rename(outcome)
         except OSError as error:
-            raise BuildError(f"step {step.name}: {error}") from error
+            if error.errno == errno.ENOSPC or os.strerror(errno.ENOSPC) in str(error):
+                raise DiskFullError(f"step {step.name}: the disk of {self.folder} is full; {RESUME}") from error
+            raise BuildError(f"step {step.name}: {_first_of(error)}") from error
         except BuildError as error:
             raise type(error)(f"step {step.name}: {error.message}") from error
         finally:
             remove(part)
+
+
+def _first_of(error: OSError) -> str:
+    """Return the first problem of many: copying a tree reports a list of them."""
+    problems = error.args[0] if isinstance(error, shutil.Error) and error.args else None
+    if not isinstance(problems, list):
+        return str(error)
+    source, _, why = problems[0]
+    return f"{source}: {why}" + (f", and {len(problems) - 1} more" if len(problems) > 1 else "")
 
 
 @contextmanager

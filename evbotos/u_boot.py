@@ -13,6 +13,7 @@ from evbotos.errors import BuildError
 from evbotos.hosttools import tool
 from evbotos.model import Kernel, Platform
 from evbotos.shell import run
+from evbotos.verity import kernel_words
 
 SCRIPT: Final = "boot.scr"
 """U-Boot searches every bootable partition for this file."""
@@ -36,12 +37,14 @@ def script(platform: Platform, kernel_line: str, disk_id: str) -> str:
     # in the range into which the kernel unpacks itself.
     assert isinstance(platform.kernel, Kernel)  # noqa: S101  # U-Boot starts no other kind
     address, start = _START[platform.kernel.architecture]
+    root = kernel_words(disk_id, "${number}", "${sectors}", "${verity}", '\\"')
     return f"""setenv part "${{devtype}} ${{devnum}}:${{distro_bootpart}}"
 setenv good
 setenv try
 setenv starts
+setenv floor
 if load ${{part}} ${{pxefile_addr_r}} {slots.FILE}; then
-  env import -t ${{pxefile_addr_r}} ${{filesize}} good try starts
+  env import -t ${{pxefile_addr_r}} ${{filesize}} good try starts floor
 fi
 if test -z "${{good}}"; then setenv good a; fi
 setenv slot ${{good}}
@@ -55,7 +58,7 @@ elif test "${{starts}}" = xxx; then
 else
   setenv starts ${{starts}}x
 fi
-env export -t -s {slots.SIZE:#x} ${{pxefile_addr_r}} good try starts
+env export -t -s {slots.SIZE:#x} ${{pxefile_addr_r}} good try starts floor
 fatwrite ${{part}} ${{pxefile_addr_r}} {slots.FILE} {slots.SIZE:#x}
 setenv tree ${{fdt_addr}}
 if test -n "${{fdtfile}}"; then
@@ -66,9 +69,17 @@ if test -n "${{fdtfile}}"; then
 fi
 for turn in 1 2; do
   if test "${{slot}}" = b; then setenv number 03; else setenv number 02; fi
-  echo "evbotos: slot ${{slot}}"
-  setenv bootargs "root=PARTUUID={disk_id}-${{number}} {kernel_line} evbotos.slot=${{slot}}"
-  if load ${{part}} {address} vmlinuz-${{slot}}; then {start}; fi
+  setenv verity
+  if load ${{part}} ${{pxefile_addr_r}} root-${{slot}}.env; then
+    env import -t ${{pxefile_addr_r}} ${{filesize}} sectors verity
+  fi
+  if test -n "${{verity}}"; then
+    echo "evbotos: slot ${{slot}}"
+    setenv bootargs "{root} {kernel_line} evbotos.slot=${{slot}}"
+    if load ${{part}} {address} vmlinuz-${{slot}}; then {start}; fi
+  else
+    echo "evbotos: no verified system in the other slot, ${{slot}}"
+  fi
   if test "${{slot}}" = a; then setenv slot b; else setenv slot a; fi
 done
 reset

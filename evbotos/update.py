@@ -14,6 +14,7 @@ from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
 from evbotos.errors import UpdateError
 from evbotos.hashing import file_sha256
+from evbotos.verity import Verity
 
 _PARTS: Final = {"kernel": "kernel", "root": "root.squashfs"}
 """The members of an update in order, with their source files."""
@@ -28,7 +29,7 @@ def write_update(built: Path, key: Path, out: Path) -> dict[str, object]:
         out: the archive.
 
     Returns:
-        The signed manifest: platform, image, version, and size and hash of each part.
+        The signed manifest: platform, image, version, release, root hash, and size and hash of each part.
 
     Raises:
         UpdateError: the key is missing or invalid.
@@ -40,6 +41,8 @@ def write_update(built: Path, key: Path, out: Path) -> dict[str, object]:
         "platform": report["platform"],
         "image": report["image"],
         "version": f"{report['eal_actors']} of {report['epoch']}",
+        "release": report["release"],
+        "verity": Verity(**report["verity"]).hash_file(),
         **{part: {"size": path.stat().st_size, "sha256": file_sha256(path)} for part, path in parts.items()},
     }
     message = json.dumps(signed).encode()

@@ -131,7 +131,7 @@ def test_build_times_stand_beside_the_thesis(tmp_path: Path, capsys: pytest.Capt
     with pytest.raises(BuildError, match="nothing is built in"):
         times(output=tmp_path)
     steps = [
-        {"name": "kernel", "key": "1", "seconds": 0.0, "cached": True},
+        {"name": "kernel", "key": "1", "seconds": 0.0, "cached": True, "made_s": 749.4},
         {"name": "squash", "key": "2", "seconds": 21.5, "cached": False},
     ]
     (tmp_path / "a-robot").mkdir()
@@ -139,7 +139,8 @@ def test_build_times_stand_beside_the_thesis(tmp_path: Path, capsys: pytest.Capt
     (tmp_path / "a-robot/manifest.json").write_text(json.dumps(manifest))
     times(output=tmp_path)
     said = capsys.readouterr().out
-    assert "(0.0)" in said
+    assert "(749.4)" in said
+    assert "770.9" in said
     assert "21.5" in said
     assert "7:38:51" in said
     times(output=tmp_path, as_json=True)

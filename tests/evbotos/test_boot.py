@@ -96,11 +96,16 @@ def test_updates_are_refused_tried_and_fallen_back_from(proof: Proof, machine: M
 def test_a_slot_whose_kernel_cannot_be_loaded_makes_way_at_once(proof: Proof, disk: Path) -> None:
     offset, size = parts_of(proof.image.layout).boot
     run_tool(["mcopy", "-o", "-i", f"{disk}@@{offset}", "/dev/null", "::/vmlinuz-b"], env={"MTOOLS_SKIP_CHECK": "1"})
-    environment = disk.read_bytes()[offset : offset + size].find(b"good=a\n")
-    assert environment > 0
+    boot = disk.read_bytes()[offset : offset + size]
+    environment, hash_a = boot.find(b"good=a\n"), boot.find(b"sectors=")
+    hash_b = boot.find(b"# GRUB Environment Block\n" + b"#" * 100)
+    assert min(environment, hash_a, hash_b) > 0
+    header = len(b"# GRUB Environment Block\n")
     with disk.open("r+b") as file:
         file.seek(offset + environment)
         file.write(b"good=b\n")
+        file.seek(offset + hash_b)  # as if slot B had a root
+        file.write(boot[hash_a - header : hash_a - header + slots.SIZE])
     with started(proof, disk) as machine:
         wait_for_words(machine, SERVES)
         wait_for_good(proof, machine, "a")

@@ -26,6 +26,7 @@ from tests.evbotos.proof import (
     wait_until,
 )
 from tests.evbotos.proofs import RESETS_NOT, prove_square, prove_stick, prove_updates, wait_for_good
+from tests.evbotos.refusals import prove_refusal
 
 BOARDS = ("beagle-armhf", "pc104-i686", "qemu-arm64", "raspberry-pi")
 SEED = 7
@@ -95,6 +96,12 @@ def test_updates_of_the_board_are_refused_tried_and_fallen_back_from(proof: Proo
     disk = Path(shutil.copyfile(proof.built.folder / "disk.img", tmp_path / "disk.img"))
     with started(proof, disk) as machine:
         prove_updates(proof, machine, tmp_path)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_refused_update_never_starts_on_the_board(proof: Proof, tmp_path: Path, seed: int) -> None:
+    disk = Path(shutil.copyfile(proof.built.folder / "disk.img", tmp_path / "disk.img"))
+    prove_refusal(proof, disk, tmp_path, seed)
 
 
 def test_the_power_may_go_at_any_instant_of_a_start(proof: Proof, tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ kernel: {source: linux-source-6.1, architecture: x86_64, fragments: [common.conf
 boot: grub
 console: ttyS0
 """
+EMULATOR = "emulator: {{program: qemu-system-{}, machine: q35}}\n"
 SMALL = """
 version: 1
 name: small
@@ -112,6 +113,32 @@ def test_what_builds_on_an_image_gets_what_the_user_adds_only_if_it_says_so_itse
         ("images/small.yaml", SMALL + "include: [large]\n", "include loop"),
         ("local.yaml", "version: 1\nimages: {larg: {packages: [gdb]}}\n", "did you mean 'large'?"),
         ("local.yaml", "version: 1\nmiror: x\n", "local.yaml:2:1: miror"),
+        (
+            "images/small.yaml",
+            SMALL.replace("[ssh]", "[shh]"),
+            "small.yaml:6:12: services[0]: there is no service 'shh'",
+        ),
+        (
+            "images/small.yaml",
+            f"{SMALL}files: [octav]\n",
+            "files[0]: there is no folder of files 'octav'; did you mean",
+        ),
+        ("images/small.yaml", f"{SMALL}layout: {{boot: 1}}\n", "small.yaml:9:16: layout.boot: must be at least 16"),
+        ("images/small.yaml", f"{SMALL}layout: {{slot: 99999999999}}\n", "layout.slot: must be at most"),
+        ("images/small.yaml", f"{SMALL}layout: {{slot: 2}}\n", "a slot of 2 MiB is smaller than a root of 10 MB"),
+        ("local.yaml", 'version: 1\nssh_keys: ["hello"]\n', "local.yaml:2:12: ssh_keys[0]: is not a public SSH key"),
+        ("local.yaml", "version: 1\nmirror: not an address\n", "local.yaml:2:9: mirror: must be an address such as"),
+        ("local.yaml", "version: 1\nmirror: https:/typing.error\n", "local.yaml:2:9: mirror: must be an address"),
+        ("local.yaml", "version: 1\nrobot: nowhere\n", "local.yaml:2:8: robot: there is no folder nowhere"),
+        ("local.yaml", "version: 1\nupdate_key: no.pem\n", "local.yaml:2:13: update_key: there is no file no.pem"),
+        ("local.yaml", "version: 1\nimages: {small: {services: [sssh]}}\n", "there is no service 'sssh'"),
+        ("platforms/board.yaml", f"{PLATFORM}suite: trixy\n", "board.yaml:11:8: suite: must be 'bookworm'"),
+        ("platforms/board.yaml", PLATFORM + EMULATOR.format("sparc"), "board.yaml:11:21: emulator.program: must be"),
+        ("platforms/board.yaml", PLATFORM + EMULATOR.format("arm"), "amd64 is emulated by qemu-system-x86_64"),
+        ("platforms/board.yaml", PLATFORM.replace("grub", "u-boot"), "board.yaml:9:7: boot: amd64 is started by grub"),
+        ("platforms/board.yaml", PLATFORM.replace("_x86_64]", "_i686]"), "wheels of amd64 end in x86_64, not"),
+        ("platforms/board.yaml", PLATFORM.replace(": x86_64", ": arm"), "board.yaml:8:9: kernel: is for arm, but"),
+        ("platforms/board.yaml", f"{PLATFORM}boot_files: {{one: {{a: ../b}}}}\n", "must be a file name on the boot"),
     ],
 )
 def test_what_is_wrong_is_told_with_its_place(folder: Path, file: str, content: str, told: str) -> None:

@@ -16,8 +16,10 @@ from evbotos.hosttools import find_tool
 from evbotos.lock import lock_path, read_lock
 from evbotos.model import GRUB_PACKAGE, Layout
 from evbotos.packages import Apt
-from evbotos.slots import state_block
+from evbotos.slots import release_of, state_block
+from evbotos.verity import Verity, append_hashes, read_verity
 
+VERITY = Verity(1, "ab" * 32, "cd" * 16)
 LAYOUT = Layout(boot=16, slot=2, data=3)
 TOOLS = ("sfdisk", "mformat", "mcopy", "mke2fs")
 MISSING = [name for name in TOOLS if find_tool(name) is None]
@@ -40,7 +42,8 @@ def contents(tmp_path: Path, root_size: int = 1000) -> Contents:
     robot.mkdir(exist_ok=True)
     (robot / "fleet.yaml").write_text("version: 1\n")
     platform = load_definitions().platform("qemu-amd64")
-    return Contents(platform, tmp_path / "root", tmp_path / "kernel", None, grub_images(tmp_path), robot, 1_700_000_000)
+    images = grub_images(tmp_path)
+    return Contents(platform, tmp_path / "root", VERITY, tmp_path / "kernel", None, images, robot, 1_700_000_000)
 
 
 def test_the_parts_follow_one_another() -> None:
@@ -76,7 +79,15 @@ def test_a_disk_has_its_parts_where_its_table_says(tmp_path: Path) -> None:
     listed = subprocess.run(
         ["mdir", "-b", "-/", "-i", f"{out}@@{MIB}", "::"], capture_output=True, check=True, text=True
     ).stdout.split()
-    assert {"::/vmlinuz-a", "::/vmlinuz-b", "::/grub/grub.cfg", "::/slots.env", "::/robot/fleet.yaml"} <= set(listed)
+    assert {
+        "::/vmlinuz-a",
+        "::/vmlinuz-b",
+        "::/grub/grub.cfg",
+        "::/slots.env",
+        "::/root-a.env",
+        "::/root-b.env",
+        "::/robot/fleet.yaml",
+    } <= set(listed)
 
 
 @needs_tools
@@ -89,7 +100,7 @@ def test_a_small_drive_starts_the_main_drives_system_and_says_which_drive_it_is(
     menu = subprocess.run(
         ["mtype", "-i", f"{out}@@{MIB}", "::/grub/grub.cfg"], capture_output=True, check=True, text=True
     ).stdout
-    assert f"root=PARTUUID={DISK_ID}-$part ro " in menu
+    assert f"dm-mod.waitfor=PARTUUID={DISK_ID}-$part " in menu
     assert f" evbotos.boot={BOOT_DRIVE_ID} evbotos.slot=$slot" in menu
 
 
@@ -109,6 +120,35 @@ def test_what_does_not_fit_is_refused_with_a_remedy(tmp_path: Path) -> None:
     (tmp_path / "kernel").write_bytes(bytes(KERNEL_ROOM + 1))
     with pytest.raises(BuildError, match="the kernel has"):
         write_disk(tmp_path / "disk", LAYOUT, big)
+
+
+@pytest.mark.skipif(find_tool("veritysetup") is None, reason="not installed: veritysetup (make evbotos-setup)")
+def test_the_root_has_a_hash_tree_that_finds_a_changed_byte(tmp_path: Path) -> None:
+    (tmp_path / "squashed").write_bytes(bytes(range(256)) * 100)
+    for name in ("one", "two"):
+        append_hashes(tmp_path / "squashed", tmp_path / name)
+    root, identity = tmp_path / "one/root.squashfs", read_verity(tmp_path / "one")
+    assert root.read_bytes() == (tmp_path / "two/root.squashfs").read_bytes()
+    assert identity.sectors == 56  # 25,600 bytes are seven blocks
+    assert identity.table.split()[:4] == ["4096", "4096", "7", "8"]
+    check = [
+        str(find_tool("veritysetup")),
+        "verify",
+        str(root),
+        str(root),
+        identity.root_hash,
+        f"--hash-offset={7 * 4096}",
+    ]
+    assert subprocess.run(check, check=False).returncode == 0
+    with root.open("r+b") as file:
+        file.seek(20_000)
+        file.write(b"x")
+    assert subprocess.run(check, check=False, capture_output=True).returncode != 0
+
+
+def test_releases_are_ordered_by_version_then_date() -> None:
+    assert release_of("1.2", 1_700_000_000) == "1.2.0.1700000000"
+    assert release_of("0.10.3.dev1", 5) == "0.10.3.5"
 
 
 def test_the_choice_of_the_slot_is_always_as_large() -> None:

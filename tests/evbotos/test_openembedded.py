@@ -17,7 +17,7 @@ import yaml
 from eal_actors.kernel.errors import ConfigError
 from evbotos.agreement import FOLDER, disagreements, generated, installed_by, load_agreement
 from evbotos.definitions import Definitions, load_definitions
-from evbotos.plan import ROOTFS
+from evbotos.fields import ROOTFS
 
 LAYERS = ("meta-evbotos-bsp", "meta-evbotos-distro")
 UPSTREAM = frozenset(

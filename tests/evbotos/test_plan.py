@@ -12,7 +12,7 @@ def test_a_plan_names_steps_packages_files_and_budgets_of_every_pair() -> None:
     for platform in found.platforms.values():
         for image in found.images.values():
             plan = make_plan(platform, image, None)
-            assert len(plan["steps"]) == 8 + bool(plan["compiled_wheels"]) + platform.needs_stand_ins
+            assert len(plan["steps"]) == 9 + bool(plan["compiled_wheels"]) + platform.needs_stand_ins
             assert set(image.packages) <= set(plan["packages"])
             assert "usr/lib/evbotos/init" in plan["files"]
             assert plan["budget_mb"]["root_with_kernel"] == image.budget_mb.root_with_kernel

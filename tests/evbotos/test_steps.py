@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -31,9 +32,9 @@ def test_a_step_that_fails_leaves_nothing_and_is_made_anew(tmp_path: Path) -> No
     def half(out: Path) -> None:
         out.mkdir()
         (out / "half").write_text("")
-        raise OSError("No space left on device")
+        raise OSError("Input/output error")
 
-    with pytest.raises(BuildError, match="step one: No space left on device"):
+    with pytest.raises(BuildError, match="step one: Input/output error"):
         runner.run(Step("one", "key", half))
     assert not any((tmp_path / "one").iterdir())
     assert runner.run(Step("one", "key", lambda out: out.mkdir())).is_dir()
@@ -95,3 +96,42 @@ def test_a_file_is_placed_whole_over_another(tmp_path: Path) -> None:
     place(tmp_path / "new", tmp_path / "old")
     assert (tmp_path / "old").read_text() == "new"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["new", "old"]
+
+
+def test_a_full_disk_is_told_in_a_sentence_also_where_a_tree_is_copied(tmp_path: Path) -> None:
+    source = tmp_path / "source"
+    source.mkdir()
+    for name in ("one", "two"):
+        (source / name).write_text("content")
+
+    def make(out: Path) -> None:
+        shutil.copytree(source, out, copy_function=lambda one, _: shutil.copyfile(one, "/dev/full"))
+
+    with pytest.raises(DiskFullError) as caught:
+        Runner(tmp_path, lambda _: None).run(Step("root", "k", make))
+    assert caught.value.message == (
+        f"step root: the disk of {tmp_path} is full; free space and build again, finished steps are kept"
+    )
+
+
+def test_many_problems_of_a_copy_are_told_by_the_first(tmp_path: Path) -> None:
+    (tmp_path / "source").mkdir()
+    for name in ("one", "two"):
+        (tmp_path / "source" / name).symlink_to("missing")
+
+    def make(out: Path) -> None:
+        shutil.copytree(tmp_path / "source", out)
+
+    with pytest.raises(BuildError, match=r"step root: \S+: .*No such file or directory.*, and 1 more"):
+        Runner(tmp_path, lambda _: None).run(Step("root", "k", make))
+
+
+def test_a_cached_step_knows_how_long_it_took_to_make(tmp_path: Path) -> None:
+    for is_cached in (False, True):
+        runner = Runner(tmp_path, lambda _: None)
+        runner.run(Step("kernel", "k", lambda out: write(out, "made")))
+        (done,) = runner.done
+        assert (done.cached, done.made_s is not None) == (is_cached, True)
+    (tmp_path / "seconds/kernel-k").write_text("749.4\n")
+    runner.run(Step("kernel", "k", lambda _: pytest.fail("made anew")))
+    assert runner.done[-1].made_s == 749.4

@@ -17,8 +17,10 @@ from evbotos.model import EmulatorLoader, Layout, Platform
 from evbotos.qemu import loader_of, write_device_tree
 from evbotos.sbom import bill_of_materials
 from evbotos.u_boot import SCRIPT, write_board_files
+from evbotos.verity import Verity
 
 TOOLS = ("sfdisk", "mformat", "mcopy", "mdir", "mtype", "mke2fs", "dpkg-deb", "mkimage")
+VERITY = Verity(1, "ab" * 32, "cd" * 16)
 LAYOUT = Layout(boot=16, slot=2, data=4)
 
 pytestmark = pytest.mark.skipif(any(find_tool(name) is None for name in TOOLS), reason="make evbotos-setup")
@@ -47,7 +49,7 @@ def disk_of(platform: Platform, folder: Path) -> Path:
     (folder / "root").write_text("root")
     write_board_files(platform, packages, kernel, folder / "board")
     kernel_file = kernel / platform.kernel.file
-    contents = Contents(platform, folder / "root", kernel_file, folder / "board", None, None, 1_700_000_000)
+    contents = Contents(platform, folder / "root", VERITY, kernel_file, folder / "board", None, None, 1_700_000_000)
     write_disk(folder / "disk.img", LAYOUT, contents)
     return folder / "disk.img"
 
@@ -78,7 +80,9 @@ def test_the_beagleboards_rom_finds_its_loader_first(tmp_path: Path) -> None:
 )
 def test_the_script_starts_the_slot_that_is_chosen(tmp_path: Path, name: str, starts: str) -> None:
     script = mtools("mtype", disk_of(load_definitions().platform(name), tmp_path), f"::/{SCRIPT}", errors="replace")
-    assert f'setenv bootargs "root=PARTUUID={DISK_ID}-${{number}} ro ' in script
+    slot = f"PARTUUID={DISK_ID}-${{number}}"
+    table = f'dm-mod.create=\\"root,,,ro,0 ${{sectors}} verity 1 {slot} {slot} ${{verity}}\\" ro '
+    assert f'setenv bootargs "root=/dev/dm-0 rootfstype=squashfs dm-mod.waitfor={slot} {table}' in script
     assert 'evbotos.slot=${slot}"' in script
     assert starts in script
     assert "console=" not in script  # the device tree says it

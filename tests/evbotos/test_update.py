@@ -1,11 +1,13 @@
 from __future__ import annotations
 
 import ctypes
-import importlib.util
-import io
+import hashlib
+import importlib
 import json
+import os
 import tarfile
 from contextlib import nullcontext
+from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import ModuleType
@@ -16,13 +18,17 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
 
 from evbotos.errors import BuildError, UpdateError
-from evbotos.plan import ROOTFS
+from evbotos.fields import ROOTFS
 from evbotos.slot_command import slot
 from evbotos.slots import state_block
 from evbotos.update import write_update
+from evbotos.verity import Verity
 from tests.evbotos.proof import parse_choice
 
 KEY = Ed25519PrivateKey.from_private_bytes(bytes(range(32)))
+STATE = "evbotos_update.slot_state"
+OWN = "7.0.0.1700000000"
+VERITY = Verity(1, "ab" * 32, "cd" * 16)
 PUBLIC = KEY.public_key().public_bytes(Encoding.Raw, PublicFormat.Raw)
 
 
@@ -40,45 +46,68 @@ pytestmark = pytest.mark.skipif(not _has_openssl(), reason="libcrypto.so.3 is no
 @pytest.fixture
 def robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     """The program of the image, with folders in place of its partitions."""
-    spec = importlib.util.spec_from_file_location(
-        "update_slots", ROOTFS / "services/update/usr/lib/evbotos/update_slots.py"
-    )
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    monkeypatch.syspath_prepend(ROOTFS / "services/update/usr/lib/evbotos")
+    module, state = importlib.import_module("evbotos_update.install"), importlib.import_module(STATE)
+    for name, place in (("STATE", ""), ("BOOT", ""), ("ABOUT", ""), ("VERIFIED", "dm-0")):
+        monkeypatch.setattr(module, name, tmp_path / place)
+    monkeypatch.setattr(module, "KEYS", (tmp_path / "none", tmp_path / "update_key"))
     for name in ("STATE", "BOOT"):
-        monkeypatch.setattr(module, name, tmp_path)
-    monkeypatch.setattr(module, "CHOICE", tmp_path / "slots.env")
-    monkeypatch.setattr(module, "KEY", tmp_path / "update_key")
-    monkeypatch.setattr(module, "PLATFORM", tmp_path / "platform")
-    monkeypatch.setattr(module, "writable_boot", nullcontext)
+        monkeypatch.setattr(state, name, tmp_path)
+    for part in (module, state):
+        monkeypatch.setattr(part, "writable_boot", nullcontext)
     (tmp_path / "slot").write_text("a\n")
     (tmp_path / "slot-b").write_text(f"{tmp_path}/device-b\n")
     (tmp_path / "device-b").write_bytes(b"o" * 5000)
     (tmp_path / "vmlinuz-b").write_bytes(b"o" * 3000)
-    (tmp_path / "slots.env").write_bytes(state_block({"good": "a", "try": "", "starts": "x"}))
+    (tmp_path / "slots.env").write_bytes(state_block({"good": "a", "try": "", "starts": "x", "floor": ""}))
+    (tmp_path / "root-b.env").write_bytes(state_block({}))
+    (tmp_path / "manifest.json").write_text(json.dumps({"release": OWN}))
     (tmp_path / "update_key").write_text(PUBLIC.hex())
     (tmp_path / "platform").write_text("board\n")
     return module
 
 
 def bundle(
-    *, platform: str = "board", key: Ed25519PrivateKey = KEY, root: bytes = b"R" * 4000, flip_at: int | None = None
-) -> io.BytesIO:
+    *,
+    platform: str = "board",
+    key: Ed25519PrivateKey = KEY,
+    root: bytes = b"R" * 4000,
+    flip_at: int | None = None,
+    release: str = OWN,
+) -> bytes:
     """Return an update as `evbotos slot` makes it; with a byte of its root changed after signing, if told so."""
     with TemporaryDirectory() as name:
         built = Path(name)
         (built / "kernel").write_bytes(b"K" * 2000)
         (built / "root.squashfs").write_bytes(root)
-        report = {"platform": platform, "image": "robot", "eal_actors": "7", "epoch": 1_700_000_000}
+        report = {
+            "platform": platform,
+            "image": "robot",
+            "eal_actors": "7",
+            "epoch": 1_700_000_000,
+            "release": release,
+            "verity": asdict(VERITY),
+        }
         (built / "manifest.json").write_text(json.dumps(report))
         (built / "key.pem").write_bytes(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
         write_update(built, built / "key.pem", built / "update.tar")
         content = bytearray((built / "update.tar").read_bytes())
     if flip_at is not None:
         content[content.index(root) + flip_at] ^= 1
-    return io.BytesIO(bytes(content))
+    return bytes(content)
+
+
+def install(robot: Any, update: bytes) -> None:
+    """Install an update that comes through a pipe, as by SSH."""
+    path = robot.BOOT / "update.tar"
+    path.write_bytes(update)
+    with path.open("rb") as stream:
+        robot.install(stream)
+
+
+def hash_of(folder: Path) -> dict[str, str]:
+    """Return the variables of the other slot's hash file."""
+    return parse_choice((folder / "root-b.env").read_bytes())
 
 
 def choice(folder: Path) -> dict[str, str]:
@@ -86,27 +115,28 @@ def choice(folder: Path) -> dict[str, str]:
 
 
 def test_a_signed_update_is_written_and_tried_once(robot: Any, tmp_path: Path) -> None:
-    robot.install(bundle())
+    install(robot, bundle())
     assert (tmp_path / "device-b").read_bytes() == b"R" * 4000 + b"o" * 1000
     assert (tmp_path / "vmlinuz-b").read_bytes() == b"K" * 2000 + b"o" * 1000
-    assert choice(tmp_path) == {"good": "a", "try": "b", "starts": "x"}
+    assert choice(tmp_path) == {"good": "a", "try": "b", "starts": "x", "floor": ""}
+    assert hash_of(tmp_path) == VERITY.hash_file()
 
 
 def test_a_good_slot_that_came_up_is_counted_from_nought_again_and_an_update_stays_due(
     robot: Any, tmp_path: Path
 ) -> None:
-    robot.install(bundle())
+    install(robot, bundle())
     robot.mark_good()
-    assert choice(tmp_path) == {"good": "a", "try": "b", "starts": ""}
+    assert choice(tmp_path) == {"good": "a", "try": "b", "starts": "", "floor": OWN}
 
 
 def test_a_slot_is_good_once_the_system_in_it_says_so(robot: Any, tmp_path: Path) -> None:
-    robot.install(bundle())
+    install(robot, bundle())
     (tmp_path / "slot").write_text("b\n")
     assert not robot.is_good()
     robot.mark_good()
     assert robot.is_good()
-    assert choice(tmp_path) == {"good": "b", "try": "", "starts": ""}
+    assert choice(tmp_path) == {"good": "b", "try": "", "starts": "", "floor": OWN}
 
 
 @pytest.mark.parametrize(
@@ -115,38 +145,102 @@ def test_a_slot_is_good_once_the_system_in_it_says_so(robot: Any, tmp_path: Path
         (lambda: bundle(key=Ed25519PrivateKey.from_private_bytes(bytes(32))), "its signature is not that"),
         (lambda: bundle(platform="other"), "it is for other, this is board"),
         (lambda: bundle(root=b"R" * 5001), "its root has 5001 bytes, and there is room for 5000"),
-        (lambda: io.BytesIO(bundle().getvalue()[:512]), "end of data|lacks"),
+        (lambda: bundle(release="7.0.0.1699999999"), r"its release 7\.0\.0\.1699999999 is older than 7\.0\.0\.17"),
+        (lambda: bundle(release="6.10.0.1800000000"), "is older than"),
+        (lambda: bundle()[:512], "end of data|lacks"),
     ],
 )
 def test_what_is_refused_by_its_manifest_writes_nothing(robot: Any, tmp_path: Path, update: Any, told: str) -> None:
     with pytest.raises((robot.RefusedError, tarfile.TarError), match=told):
-        robot.install(update())
+        install(robot, update())
     assert (tmp_path / "device-b").read_bytes() == b"o" * 5000
     assert (tmp_path / "vmlinuz-b").read_bytes() == b"o" * 3000
-    assert choice(tmp_path) == {"good": "a", "try": "", "starts": "x"}
+    assert choice(tmp_path) == {"good": "a", "try": "", "starts": "x", "floor": ""}
 
 
-def test_a_tampered_root_is_not_tried(robot: Any, tmp_path: Path) -> None:
+def test_the_floor_rises_when_a_slot_is_good_and_never_falls(robot: Any, tmp_path: Path) -> None:
+    newer = "7.1.0.1700000001"
+    (tmp_path / "manifest.json").write_text(json.dumps({"release": newer}))
+    robot.mark_good()
+    (tmp_path / "manifest.json").write_text(json.dumps({"release": OWN}))  # the older slot starts again
+    robot.mark_good()
+    assert choice(tmp_path)["floor"] == newer
+    with pytest.raises(robot.RefusedError, match=f"{OWN} is older than {newer}"):
+        install(robot, bundle())
+
+
+@pytest.mark.parametrize("place", ["kernel", "root"])
+def test_a_tampered_update_is_not_tried_and_withdraws_the_good_one_before_it(
+    robot: Any, tmp_path: Path, place: str
+) -> None:
+    install(robot, bundle())
+    tampered = bytearray(bundle())
+    tampered[tampered.index(b"K" * 2000 if place == "kernel" else b"R" * 4000)] ^= 1
     with pytest.raises(robot.RefusedError, match="is not what was signed; it will not be tried"):
-        robot.install(bundle(flip_at=3999))
-    assert choice(tmp_path) == {"good": "a", "try": "", "starts": "x"}
+        install(robot, bytes(tampered))
+    assert choice(tmp_path)["try"] == ""
+    assert hash_of(tmp_path) == {}  # the boot loader does not start it
 
 
-@pytest.mark.parametrize("size", [700, 2000, 4000, 6000, 8000])
-def test_an_update_that_ends_too_early_is_not_tried(robot: Any, tmp_path: Path, size: int) -> None:
+@pytest.mark.parametrize("size", [1300, 2100, 4000, 6000, 8000])
+@pytest.mark.parametrize("after_a_good_one", [False, True])
+def test_an_update_that_ends_too_early_is_not_tried(
+    robot: Any, tmp_path: Path, size: int, after_a_good_one: bool
+) -> None:
+    if after_a_good_one:
+        install(robot, bundle())
     with pytest.raises((robot.RefusedError, tarfile.TarError)):
-        robot.install(io.BytesIO(bundle().getvalue()[:size]))
-    assert choice(tmp_path) == {"good": "a", "try": "", "starts": "x"}
+        install(robot, bundle()[:size])
+    assert choice(tmp_path)["try"] == ("b" if after_a_good_one and size < 1600 else "")
+    assert hash_of(tmp_path) == (VERITY.hash_file() if after_a_good_one and size < 1600 else {})
+
+
+def test_an_update_that_stalls_is_refused(robot: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(robot, "_SILENCE_S", 0.01)
+    read, write = os.pipe()
+    with os.fdopen(read, "rb") as stream, os.fdopen(write, "wb") as sender:
+        sender.write(bundle()[:3000])
+        sender.flush()
+        with pytest.raises(robot.RefusedError, match=r"nothing arrived for 0\.01 s"):
+            robot.install(stream)
+
+
+def test_a_system_on_trial_takes_no_update_for_the_slot_that_it_may_need(robot: Any, tmp_path: Path) -> None:
+    (tmp_path / "slots.env").write_bytes(state_block({"good": "b", "try": "", "starts": "", "floor": ""}))
+    with pytest.raises(robot.RefusedError, match="the running slot is not good yet"):
+        install(robot, bundle())
+
+
+def test_only_one_update_is_installed_at_a_time(robot: Any) -> None:
+    state = importlib.import_module(STATE)
+    with state.locked("update"), pytest.raises(robot.RefusedError, match="another update is being installed"):
+        install(robot, bundle())
+
+
+def test_a_changed_root_is_read_to_its_end_before_it_is_good(robot: Any, tmp_path: Path) -> None:
+    (tmp_path / "dm-0").write_bytes(b"R" * 3_000_000)
+    assert robot._read_through(tmp_path / "dm-0", 3_000_000) == hashlib.sha256(b"R" * 3_000_000).hexdigest()
+    with pytest.raises(robot.RefusedError, match="dm-0 ends 1 bytes too early"):
+        robot._read_through(tmp_path / "dm-0", 3_000_001)
 
 
 def test_a_robot_without_a_key_takes_no_update(robot: Any, tmp_path: Path) -> None:
     (tmp_path / "update_key").unlink()
     with pytest.raises(robot.RefusedError, match="has no key"):
-        robot.install(bundle())
+        install(robot, bundle())
+    (tmp_path / "update_key").write_text("ab")
+    with pytest.raises(ValueError, match="an ed25519 key has 32 bytes, not 1"):
+        install(robot, bundle())
+
+
+def test_a_manifest_of_an_older_tool_is_refused(robot: Any) -> None:
+    signed = json.dumps({"platform": "board"}).encode()
+    with pytest.raises(robot.RefusedError, match="its manifest lacks image, kernel, release, root, verity, version"):
+        robot._trusted(signed, KEY.sign(signed))
 
 
 def test_the_same_build_and_key_give_the_same_update() -> None:
-    assert bundle().getvalue() == bundle().getvalue()
+    assert bundle() == bundle()
 
 
 def test_a_key_that_is_none_is_refused(tmp_path: Path) -> None:

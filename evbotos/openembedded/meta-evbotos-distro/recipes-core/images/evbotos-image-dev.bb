@@ -5,7 +5,7 @@ DESCRIPTION = "The robot image with what builds plugins - a compiler, git, gdb."
 
 require evbotos-image.inc
 
-IMAGE_INSTALL = "packagegroup-evbotos-dev"
+IMAGE_INSTALL = "packagegroup-evbotos-dev-image"
 
 # Sizes of the disk's partitions in MiB.
 EVBOTOS_BOOT_MIB = "16"

@@ -5,7 +5,7 @@ DESCRIPTION = "Python, SSH, DHCP, time and a name in the local network."
 
 require evbotos-image.inc
 
-IMAGE_INSTALL = "packagegroup-evbotos-minimal"
+IMAGE_INSTALL = "packagegroup-evbotos-minimal-image"
 
 # Sizes of the disk's partitions in MiB.
 EVBOTOS_BOOT_MIB = "16"

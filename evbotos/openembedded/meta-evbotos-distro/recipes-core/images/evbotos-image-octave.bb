@@ -5,7 +5,7 @@ DESCRIPTION = "Octave with all that it reads and computes, Python and SSH, withi
 
 require evbotos-image.inc
 
-IMAGE_INSTALL = "packagegroup-evbotos-octave"
+IMAGE_INSTALL = "packagegroup-evbotos-octave-image"
 
 # Sizes of the disk's partitions in MiB.
 EVBOTOS_BOOT_MIB = "16"

@@ -5,7 +5,7 @@ DESCRIPTION = "eal serve with TLS, serial ports and the simulated base, started 
 
 require evbotos-image.inc
 
-IMAGE_INSTALL = "packagegroup-evbotos-robot"
+IMAGE_INSTALL = "packagegroup-evbotos-robot-image"
 
 # Sizes of the disk's partitions in MiB.
 EVBOTOS_BOOT_MIB = "16"

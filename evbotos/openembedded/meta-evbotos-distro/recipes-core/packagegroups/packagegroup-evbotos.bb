@@ -9,13 +9,13 @@ PACKAGE_ARCH = "${MACHINE_ARCH}"
 inherit packagegroup
 
 PACKAGES = "\
-    ${PN}-dev \
-    ${PN}-minimal \
-    ${PN}-octave \
-    ${PN}-robot \
+    ${PN}-dev-image \
+    ${PN}-minimal-image \
+    ${PN}-octave-image \
+    ${PN}-robot-image \
 "
 
-RDEPENDS:${PN}-dev = "\
+RDEPENDS:${PN}-dev-image = "\
     binutils \
     busybox \
     busybox-mdev \
@@ -58,7 +58,7 @@ RDEPENDS:${PN}-dev = "\
     python3-typer \
 "
 
-RDEPENDS:${PN}-minimal = "\
+RDEPENDS:${PN}-minimal-image = "\
     busybox \
     busybox-mdev \
     busybox-syslog \
@@ -77,7 +77,7 @@ RDEPENDS:${PN}-minimal = "\
     python3-modules \
 "
 
-RDEPENDS:${PN}-octave = "\
+RDEPENDS:${PN}-octave-image = "\
     busybox \
     busybox-mdev \
     busybox-syslog \
@@ -97,7 +97,7 @@ RDEPENDS:${PN}-octave = "\
     python3-modules \
 "
 
-RDEPENDS:${PN}-robot = "\
+RDEPENDS:${PN}-robot-image = "\
     busybox \
     busybox-mdev \
     busybox-syslog \

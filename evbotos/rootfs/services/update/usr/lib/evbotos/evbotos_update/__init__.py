@@ -1,0 +1,1 @@
+"""The updates of a robot: the slot state, signatures, and their installation."""

@@ -1,0 +1,99 @@
+"""Real BitBake on the OpenEmbedded layers: parses them and plans every image for every machine, without a network.
+
+Run as `python -m tests.evbotos.bitbake MIRRORS [MACHINE]...`. MIRRORS is a folder of git repositories, bare or not,
+named as in `kas/common.yml` (`bitbake`, `openembedded-core`, ...), with or without `.git`. BitBake refuses root, so
+root runs it as `nobody`.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+import yaml
+
+REPOSITORY: Final = Path(__file__).parents[2]
+KAS: Final = REPOSITORY / "evbotos/openembedded/kas"
+IMAGES: Final = ("minimal", "robot", "octave", "dev")
+_TIMEOUT_S: Final = 3600.0
+_PLANNED: Final = re.compile(r"Attempted (\d+) tasks")
+
+
+def main(words: list[str]) -> int:
+    """Run the program, and return its exit code."""
+    if not words:
+        _say("Not run: name the folder of mirrors, such as `make test-bitbake MIRRORS=/srv/git`")
+        return 2
+    mirrors = Path(words[0]).resolve()
+    missing = [name for name in repositories() if find_mirror(mirrors, name) is None]
+    if missing:
+        _say(f"Not run: {mirrors} has no git repository {', '.join(missing)}")
+        return 2
+    machines = words[1:] or sorted(path.stem for path in KAS.glob("*.yml") if path.stem != "common")
+    with TemporaryDirectory(prefix="evbotos-bitbake-") as work:
+        failed = [machine for machine in machines if not plan(machine, mirrors, Path(work))]
+    _say(
+        f"{len(machines) - len(failed)} of {len(machines)} machines planned" + "".join(f"; failed: {m}" for m in failed)
+    )
+    return 1 if failed else 0
+
+
+def repositories() -> dict[str, str]:
+    """Return the addresses of the repositories that the project files name."""
+    found: dict[str, str] = {}
+    for path in KAS.glob("*.yml"):
+        repos = yaml.safe_load(path.read_text()).get("repos", {})
+        found |= {name: repo["url"] for name, repo in repos.items() if repo and "url" in repo}
+    return found
+
+
+def find_mirror(mirrors: Path, name: str) -> Path | None:
+    """Return a mirror's git directory."""
+    places = (mirrors / name, mirrors / f"{name}.git", mirrors / name / ".git", *mirrors.glob(f"*+{name}/repo"))
+    return next((place for place in places if (place / "HEAD").is_file()), None)
+
+
+def plan(machine: str, mirrors: Path, work: Path) -> bool:
+    """Plan all images for a machine, print errors and the number of tasks, and return whether it succeeded."""
+    settings = {
+        "safe.directory": "*",
+        **{f"url.{find_mirror(mirrors, n)}.insteadOf": u for n, u in repositories().items()},
+    }
+    env = {**os.environ, "KAS_WORK_DIR": str(work), "HOME": str(work), "LANG": "en_US.UTF-8", "LC_ALL": "en_US.UTF-8"}
+    env["GIT_CONFIG_COUNT"] = str(len(settings))
+    for number, (key, value) in enumerate(settings.items()):
+        env |= {f"GIT_CONFIG_KEY_{number}": key, f"GIT_CONFIG_VALUE_{number}": value}
+    project = work / "project"
+    if not project.is_dir():
+        shutil.copytree(REPOSITORY / "evbotos", project / "evbotos", ignore=shutil.ignore_patterns("__pycache__"))
+        subprocess.run(["git", "init", "-q", project], check=True)  # kas looks for includes from a checkout's root
+        shutil.copytree(REPOSITORY / "plugins", project / "plugins", ignore=shutil.ignore_patterns("__pycache__"))
+    argv = [str(Path(sys.executable).with_name("kas")), "shell", f"evbotos/openembedded/kas/{machine}.yml", "-c"]
+    argv.append("bitbake -n " + " ".join(f"evbotos-image-{image}" for image in IMAGES))
+    if os.geteuid() == 0:
+        subprocess.run(["chown", "-R", "nobody:nogroup", str(work)], check=True)
+        argv = ["setpriv", "--reuid=nobody", "--regid=nogroup", "--clear-groups", *argv]
+    done = subprocess.run(argv, cwd=project, env=env, capture_output=True, text=True, timeout=_TIMEOUT_S, check=False)
+    said = done.stdout + done.stderr
+    problems = [
+        line for line in said.splitlines() if line.startswith(("ERROR", "WARNING")) or "Nothing PROVIDES" in line
+    ]
+    tasks = _PLANNED.search(said)
+    _say(f"{machine}: exit code {done.returncode}, {tasks[1] if tasks else 'no'} tasks")
+    _say("\n".join(problems or ([] if done.returncode == 0 else said.splitlines()[-20:])))
+    return done.returncode == 0 and not any(line.startswith("ERROR") for line in problems)
+
+
+def _say(words: str) -> None:
+    sys.stdout.write(f"{words}\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

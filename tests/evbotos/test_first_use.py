@@ -1,0 +1,79 @@
+"""An image without a fleet: unreachable at first, then a robot of a secured fleet by a USB stick."""
+
+from __future__ import annotations
+
+import shutil
+import socket
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from eal_actors.kernel.log import get_logger
+from evbotos.build import Build
+from evbotos.identity import put_identity
+from evbotos.lock import lock_path
+from evbotos.model import Local
+from evbotos.outputs import Built
+from evbotos.provision_command import provision_fleet
+from evbotos.qemu import Machine
+from evbotos.robot_files import access_files
+from evbotos.run_command import trial_identity
+from tests.evbotos.proof import SERVES, Proof, answer, eal, ssh_words, started, wait_for_words
+from tests.evbotos.proofs import plug_in, prove_square, stick_with
+
+_LOG = get_logger()
+
+pytestmark = [pytest.mark.evbotos, pytest.mark.timeout(3600)]
+
+
+@pytest.fixture(scope="module")
+def bare(proof: Proof, tmp_path_factory: pytest.TempPathFactory) -> Built:
+    """The image as it is built without a local.yaml."""
+    folder = tmp_path_factory.mktemp("bare")
+    lock = lock_path(proof.platform, proof.image)
+    return Build(proof.platform, proof.image, Local(version=1), lock, _LOG.info).run(folder)
+
+
+def is_closed(machine: Machine, service: str) -> bool:
+    """Return whether a forwarded port ends at once: nothing listens behind it."""
+    with socket.create_connection(("127.0.0.1", machine.ports[service]), timeout=60) as connection:
+        try:
+            return connection.recv(100) == b""
+        except ConnectionResetError:
+            return True
+
+
+def test_a_machine_without_a_fleet_is_reached_by_nobody_until_a_stick_provisions_it(
+    proof: Proof, bare: Built, tmp_path: Path
+) -> None:
+    local = Local(version=1, ssh_keys=((proof.ssh_key.with_suffix(".pub")).read_text(),))
+    made = provision_fleet(proof.fleet, None, access_files(local), tmp_path / "identities")
+    files = tmp_path / "stick"
+    files.mkdir()
+    shutil.copy(made["evbot"], files)
+    disk = Path(shutil.copyfile(bare.folder / "disk.img", tmp_path / "disk.img"))
+    with started(proof, disk) as machine:
+        wait_for_words(machine, f"/usr/share/evbotos/fleet.yaml {SERVES}")
+        wait_for_words(machine, "at tcp/127.0.0.1:50000")
+        assert is_closed(machine, "ssh")
+        assert is_closed(machine, "eal")
+        plug_in(machine, stick_with(files, tmp_path / "stick.img"))
+        wait_for_words(machine, "this machine is evbot from now on: restarting")
+        wait_for_words(machine, f"/data/robot/fleet.yaml {SERVES}")
+        prove_square(proof, machine)
+        assert answer(proof, machine, "hostname").strip() == "evbot"
+        known = f"UserKnownHostsFile={tmp_path / 'identities/known_hosts'}"
+        strict = [word.replace("UserKnownHostsFile=/dev/null", known) for word in ssh_words(proof, machine)]
+        strict = [word.replace("StrictHostKeyChecking=no", "StrictHostKeyChecking=yes") for word in strict]
+        strict[1:1] = ["-o", "HostKeyAlias=evbot"]
+        subprocess.run([*strict, "true"], check=True, timeout=600)
+
+
+def test_the_fleet_file_that_run_names_fits(proof: Proof, bare: Built, tmp_path: Path) -> None:
+    disk = Path(shutil.copyfile(bare.folder / "disk.img", tmp_path / "disk.img"))
+    put_identity(trial_identity(tmp_path / "trial", Local(version=1)), disk)
+    with started(proof, disk) as machine:
+        wait_for_words(machine, f"/boot/robot/fleet.yaml {SERVES}")
+        fleet, runs = tmp_path / "trial/fleet.yaml", tmp_path / "runs"
+        eal("run", "square", "--fleet", fleet, "--runs-dir", runs, EVBOT_PORT=str(machine.ports["eal"]))
