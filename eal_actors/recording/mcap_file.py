@@ -327,5 +327,5 @@ def _errors_of(path: Path) -> Iterator[None]:
 
     try:
         yield
-    except (McapError, ZstdError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (McapError, ZstdError, ValueError, KeyError, TypeError, AttributeError, MemoryError, OverflowError) as error:
         raise ScenarioError(f"{path} is no record of a run: {type(error).__name__}: {error}") from error
