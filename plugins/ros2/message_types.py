@@ -80,7 +80,7 @@ class MessageType:
         try:
             return self._store.deserialize_cdr(data, self.name)
         except (*_BROKEN, MemoryError) as error:
-            raise DataError(f"{len(data)} bytes are no {self.name}: {error or type(error).__name__}") from error
+            raise DataError(f"{len(data)} bytes are no {self.name}: {str(error) or type(error).__name__}") from error
 
     def to_dict(self, message: Any) -> dict[str, Any]:
         """Return a message as a dictionary of plain values; NaN and infinity become None."""

@@ -96,13 +96,14 @@ class LiveView:
         for resource in (*self._values, *(spec.resource for spec in self._poses)):
             self._channel(topic_of(resource), self._schema_of(resource))
         controls = [Capability.ClientPublish, Capability.Parameters] if self._control is not None else []
+        listener: Any = _ViewerListener(self, self._control)  # it has the callbacks of its capabilities alone
         try:
             self._server = foxglove.start_server(
                 name=f"EAL actors: {self._fleet.name}",
                 host=self._host,
                 port=self._port,
                 capabilities=controls,
-                server_listener=_ViewerListener(self, self._control),
+                server_listener=listener,
                 supported_encodings=["json"],
                 context=self._context,
             )

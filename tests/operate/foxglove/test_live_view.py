@@ -103,12 +103,13 @@ def test_a_viewer_drives_with_a_dead_man_and_sets_parameters(tmp_path: Path) -> 
             assert REAL_TIME.now() < end_s, "it does not stop"
             REAL_TIME.sleep(0.02)
         stopped_m = gone_m()
-        for wrong in (
+        wrongs: tuple[Any, ...] = (
             {},
             [],
             {"linear": {"x": None}, "angular": {"z": 0}},
             {"linear": {"x": 1e308}, "angular": {"z": 0}},
-        ):
+        )
+        for wrong in wrongs:
             viewer.publish(7, wrong)
         viewer.send(op="setParameters", parameters=[{"name": "r1.Base.speed_m_s", "value": 0.123}], id="a")
         while viewer.parameters.get("r1.Base.speed_m_s") != 0.123:

@@ -12,6 +12,7 @@ from types import TracebackType
 from typing import Any, NamedTuple
 
 from websockets.sync.client import connect
+from websockets.typing import Subprotocol
 
 RECEIVE_S = 60.0
 """Real seconds that the server may take on a loaded machine."""
@@ -29,7 +30,9 @@ class Viewer:
     """Reads the channels, subscribes, and yields messages."""
 
     def __init__(self, url: str) -> None:
-        self._opening = connect(url, subprotocols=["foxglove.sdk.v1"], max_size=None, open_timeout=RECEIVE_S)
+        self._opening = connect(
+            url, subprotocols=[Subprotocol("foxglove.sdk.v1")], max_size=None, open_timeout=RECEIVE_S
+        )
         self._socket: Any = None
         self.info: dict[str, Any] = {}
         self.channels: dict[str, dict[str, Any]] = {}

@@ -184,7 +184,7 @@ def test_a_router_that_appears_late_and_goes(tmp_path: Path) -> None:
     topics = {"Say": {"topic": "/say", "type": "std_msgs/String", "writable": True}}
     with ros2_fleet(tmp_path, f"tcp/127.0.0.1:{port}", late={"topics": topics}) as fleet:
         assert f"cannot reach the zenoh router at tcp/127.0.0.1:{port}" in why(fleet, "late", "Say")
-        router = open_router(port)
+        router: Any = open_router(port)
         until_ready(fleet, "late", "Say")
         fleet["late"]["Say"].set_value("{}").get()
         router.close()
