@@ -71,6 +71,13 @@ def test_a_branch_without_the_fault_has_the_same_past_and_ends_well(eal: Any, ru
     refused = eal("branch", run, "--at", "1.2", "--without-fault", "stuck_left")
     assert refused.exit_code != 0
     assert "its faults are: ann.dead" in " ".join(refused.output.split())
+    assert first_difference(RunFolder.open(run), RunFolder.open(run)) is None
+
+    summary = json.loads((run / "summary.json").read_text())
+    (run / "summary.json").write_text(json.dumps({**summary, "rate": 2.0}))
+    refused = eal("branch", run, "--at", "1", "--set", "leg_m=0.1")
+    assert refused.exit_code != 0
+    assert "only a run with --rate max repeats" in " ".join(refused.output.split())
 
 
 @pytest.mark.slow
@@ -104,12 +111,3 @@ def test_bisect_finds_the_commit_that_changed_the_record(eal: Any, run: Path, tm
     assert result.exit_code == 1, result.output
     assert "change 3" in result.stdout
     assert "'send_cmd Base l30', now 'send_cmd Base l45'" in " ".join(result.stdout.split())
-
-
-def test_a_run_in_real_time_is_refused(eal: Any, run: Path) -> None:
-    summary = json.loads((run / "summary.json").read_text())
-    (run / "summary.json").write_text(json.dumps({**summary, "rate": 2.0}))
-    result = eal("branch", run, "--at", "1", "--set", "leg_m=0.1")
-    assert result.exit_code != 0
-    assert "only a run with --rate max repeats" in " ".join(result.output.split())
-    assert first_difference(RunFolder.open(run), RunFolder.open(run)) is None

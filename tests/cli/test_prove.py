@@ -57,3 +57,14 @@ def test_pytest_takes_a_proof_as_a_test(pytester: pytest.Pytester) -> None:
     result = pytester.runpytest_subprocess(*options, "--eal", "--eal-prove", "--eal-prove-runs=20", scenario)
     result.assert_outcomes(passed=1, failed=1)  # the scenario, and its proof
     result.stdout.fnmatch_lines([f"*{scenario.name}:*: contact: ann touched bob *", "*least fleet: *least-fleet.yaml"])
+
+
+@pytest.mark.slow
+def test_every_run_repeats_to_the_bit_in_any_number_of_processes(eal: Any, tmp_path: Path) -> None:
+    runs = []
+    for jobs in (1, 2):
+        out = tmp_path / f"out{jobs}"
+        result = eal("prove", "dance", "sim", "--runs", 40, "--jobs", jobs, "--out", out, "--json")
+        assert result.exit_code == 0, result.output
+        runs.append(json.loads(result.stdout)["runs"])
+    assert runs[0] == runs[1]

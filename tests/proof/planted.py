@@ -93,16 +93,17 @@ PLANTED = (
         2,
     ),
     PlantedBug(
-        "a-skipped-block-contains-the-signal",
+        "a-signal-depends-on-a-step-that-may-be-skipped",
         """\
         roles: {giver: {robots: [ann]}, taker: {robots: [bob]}}
         steps:
           - parallel:
               - - on: giver
                   do:
-                    - sequence: [{send_cmd: {resource: Base, cmd: l45}}, {signal: ready}]
+                    - send_cmd: {resource: Base, cmd: f0.3}
                       on_failure: skip
-                    - wait_s: 20
+                    - if: value('Odometry')[0] > 0.2
+                      then: [{signal: ready}]
               - - on: taker
                   do: [{wait_for: ready, timeout_s: 8}, {send_cmd: {resource: Base, cmd: l45}}]
         """,

@@ -11,6 +11,7 @@ from typing import Any, Final
 
 import yaml
 
+from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.lab.proof.cases import (
     FaultCase,
@@ -22,7 +23,7 @@ from eal_actors.lab.proof.cases import (
     single_faults,
 )
 from eal_actors.lab.proof.findings import LEAST_FLEET, REPLAY
-from eal_actors.lab.proof.fleet_files import Content, fleet_content, injectable_faults
+from eal_actors.lab.proof.fleet_files import Content, fleet_content, injectable_faults, load_content
 from eal_actors.lab.proof.invariants import Trials, Violation, judge
 from eal_actors.lab.proof.shrinking import LeastCase, ProofWorker, ShrinkTask, task_of
 from eal_actors.lab.proof.trial import Trial, TrialTask, TrialWorker
@@ -30,7 +31,7 @@ from eal_actors.lab.worker_pool import run_all
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.twins import simulated
 from eal_actors.recording.provenance import WORLD
-from eal_actors.scenario import Report, Scenario
+from eal_actors.scenario import Report, Scenario, make_plan
 from eal_actors.scenario.language.binding import Wishes, find_candidates
 
 MOST_SHRUNK: Final = 20
@@ -170,6 +171,8 @@ def prove(request: ProofRequest, on_case: OnCase = lambda _case, _count: None) -
     """Run a scenario under faults, judge every run, and shrink the findings.
 
     Raises:
+        PluginError: a robot has no place in the world.
+        RobotFailedError: a robot did not start.
         ConfigError: the robots cannot perform the scenario, or cannot be simulated.
         ScenarioError: it is not done without faults, or does not repeat; or the folder is not a proof's.
         OSError: the folder cannot be written.
@@ -181,24 +184,33 @@ def prove(request: ProofRequest, on_case: OnCase = lambda _case, _count: None) -
     twins = simulated(request.config, bound, request.keep)
     prepare_folder(request.out)
     content = fleet_content(twins.config, _write_world(twins.config, request.out))
+    _dry_run(request, content)
     healthy = _healthy_trial(request, content)
     positions = find_positions(_require_done(healthy))
     injectable = injectable_faults(twins.config)
     singles = single_faults(positions, injectable, healthy.start_s, request.kinds)
-    proof = _Proof(request, content, healthy)
-    cases = proof.try_all(plan_cases(singles, request.runs, twins.config.seed), on_case)
+    runner = _CaseRunner(request, content, healthy)
+    cases = runner.try_all(plan_cases(singles, request.runs, twins.config.seed), on_case)
     return Proof(
         scenario=scenario,
         fleet=request.config.name,
         positions=positions,
         planned=len(singles),
         cases=tuple(cases),
-        findings=tuple(proof.shrink_all(group_findings(cases))),
+        findings=tuple(runner.shrink_all(group_findings(cases))),
         unprovable=_unprovable(bound, injectable, twins.left_out),
         healthy=_require_done(healthy),
         out=request.out,
         kinds=tuple(kinds_of(singles)),
     )
+
+
+def _dry_run(request: ProofRequest, content: Content) -> None:
+    """Check the scenario on the simulated robots; nothing moves."""
+    with Fleet(load_content(content, request.config.source)).connect() as fleet:
+        for problem in fleet.problems:
+            raise problem
+        make_plan(request.scenario, fleet, binding=request.binding)
 
 
 def _worker(request: ProofRequest, limit_s: float) -> TrialWorker:
@@ -232,7 +244,7 @@ def _require_done(trial: Trial) -> Report:
     return trial.report
 
 
-class _Proof:
+class _CaseRunner:
     """The trials of one proof in worker processes."""
 
     def __init__(self, request: ProofRequest, content: Content, healthy: Trial) -> None:

@@ -160,7 +160,7 @@ class _Controller:
             try:
                 run = Run(self._plan, self._fleet, self._directory, resumption=read_run(self._directory))
             except ScenarioError as error:
-                return Trial(None, str(error), start_s)
+                return Trial(None, str(error).replace(f" in {self._directory}", ""), start_s)
             future = run.start()
         is_late = not ends_before(future, clock, self._limit_s)
         if is_late:

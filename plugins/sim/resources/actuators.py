@@ -17,11 +17,13 @@ from eal_actors.plugin import (
     UnavailableError,
     UnsupportedError,
     WheelCalibration,
+    wrapped_rad,
 )
 
 from ...evbot3.turret import TurretCommands
+from ..faults import HEALTHY
 from ..motion import Move, WheelMotion
-from ..robot import SimRobot, wrapped_rad
+from ..robot import SimRobot
 from ..sensors import dropped_wheels, free_way_m, pressed_bumpers, seen_cliffs
 from ..world import SimWorld
 from .robot_resource import RobotResource
@@ -159,7 +161,8 @@ class Base(DifferentialBase, RobotResource):
             ResourceFaultError: a wheel is stalled.
             UnavailableError: the motion was cut short.
         """
-        if stalled := self._robot.faults.stalled_wheels(forward=forward):
+        faults = self._robot.faults
+        if faults is not HEALTHY and (stalled := faults.stalled_wheels(forward=forward)):
             self._world.stop(self._robot)
             raise ResourceFaultError(f"halted: the {stalled} wheel was driven, but its encoder counted nothing")
         if self._robot.motion is None and not motion.is_over:

@@ -16,10 +16,11 @@ from eal_actors.plugin import (
     ValueInfo,
     finite_pose,
     request,
+    wrapped_rad,
 )
 
 from ..arena import Pose2D
-from ..robot import SimRobot, wrapped_rad
+from ..robot import SimRobot
 from ..world import SimWorld
 from .robot_resource import RobotResource
 

@@ -6,8 +6,9 @@ import math
 from typing import Final, NamedTuple
 
 from eal_actors.device.world import WorldModel
+from eal_actors.plugin import wrapped_rad
 
-from ..robot import SimRobot, wrapped_rad
+from ..robot import SimRobot
 from ..world import SimWorld
 
 _BUMPER_REACH_M: Final = 0.003

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..robot import SimRobot, wrapped_rad
+from eal_actors.plugin import wrapped_rad
+
+from ..robot import SimRobot
 from ..world import SimWorld
 from .arrays import WorldArrays, shared
 from .geometry import Array
