@@ -48,8 +48,8 @@ sbom: $(STAMP)  ## build the packages, and the wheel's bill of materials in Cycl
 	$(BIN)/python -m hatchling build -d build/dist
 	$(BIN)/python -m tests.house.sbom build/dist/*.whl build/sbom.cdx.json
 
-demo: $(STAMP)  ## run the dance on the simulated fleet and show where its picture is
-	$(BIN)/eal run scenarios/dance.yaml --fleet fleets/sim.yaml --show
+demo: $(STAMP)  ## run the dance and two formations on a simulated fleet, and show the picture and the film
+	$(BIN)/eal run scenarios/ballet.yaml --fleet fleets/formation.yaml --film --show
 
 demo-network: $(STAMP)  ## the same dance over the network: three robots, each served by a process of its own
 	$(BIN)/eal demo-network

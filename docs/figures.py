@@ -137,6 +137,15 @@ def draw_shipped(name: str, title: str, out: Path, fleet: str | None = None) -> 
         draw_trajectory(recorder.paths_since(0), simulation.fleet.config.world, out, title)
 
 
+def draw_ballet(out: Path) -> None:
+    """Film the scenario of `make demo`."""
+    with TemporaryDirectory() as folder:
+        command = ["run", "ballet", "--fleet", "formation", "--rate", "max", "--film", "--runs-dir", folder]
+        subprocess.run([sys.executable, "-m", "eal_actors", *command], check=True, cwd=ROOT)  # noqa: S603
+        (film,) = Path(folder).glob("*/trajectory.gif")
+        shutil.copyfile(film, out)
+
+
 def draw_patrol(out: Path) -> None:
     """Draw what a guard saw at one place in two laps, and what has changed there, at half size."""
     with TemporaryDirectory() as folder, Simulation(ROOT / "fleets/patrol.yaml") as simulation:
@@ -173,9 +182,9 @@ def draw_dashboard(images: Path) -> None:
         page.goto(f"{dashboard.link}#/scenario")
         page.get_by_label("Scenario", exact=True).first.select_option("square.yaml")
         page.get_by_role("button", name="Start", exact=True).click()
-        for view in ("fleet", "map", "scenario", "cameras", "robot/evbot3-1", "logs"):
+        for view in ("mission", "fleet", "map", "scenario", "cameras", "robot/evbot3-1", "logs"):
             page.evaluate("(view) => { location.hash = `#/${view}`; }", view)
-            page.wait_for_selector("[data-frames]" if view == "cameras" else "h1")
+            page.wait_for_selector("[data-frames]" if view in ("mission", "cameras") else "h1")
             page.wait_for_timeout(2500)
             page.screenshot(path=images / f"dashboard-{view.partition('/')[0]}.png")
         dark = browser.new_page(viewport={"width": 1280, "height": 720}, color_scheme="dark")
@@ -184,6 +193,9 @@ def draw_dashboard(images: Path) -> None:
         phone.goto(f"{dashboard.link}#/robot/roomba-1")
         phone.wait_for_timeout(2000)
         phone.screenshot(path=images / "dashboard-phone.png")
+        phone.goto(f"{dashboard.link}#/mission")
+        phone.wait_for_timeout(2000)
+        phone.screenshot(path=images / "dashboard-mission-phone.png")
         dark.screenshot(path=images / "dashboard-dark.png")
 
 
@@ -221,6 +233,7 @@ def main() -> None:
     draw_calibration(IMAGES / "calibration.png")
     draw_sweep(IMAGES / "sweep.png")
     draw_shipped("formation", "formation: a circle", IMAGES / "formation.png")
+    draw_ballet(IMAGES / "ballet.gif")
     draw_patrol(IMAGES / "patrol.png")
     draw_shipped("search", "search: the first to hear the beacon stops the rest", IMAGES / "search.png")
     draw_shipped("relay", "relay: two laps with three batteries", IMAGES / "relay.png")

@@ -10,7 +10,8 @@ from typing import Final, TypeVar
 from pydantic import ValidationError
 
 from eal_actors.kernel.errors import ConfigError, Problem
-from eal_actors.kernel.strict_model import StrictModel, did_you_mean, problems_from
+from eal_actors.kernel.strict_model import StrictModel, problems_from
+from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_source import load_yaml
 from evbotos import lock
 from evbotos.model import LISTS, Image, Local, Platform

@@ -11,7 +11,8 @@ from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives.serialization import load_ssh_public_key
 from pydantic import AfterValidator, Field
 
-from eal_actors.kernel.strict_model import Name, did_you_mean
+from eal_actors.kernel.strict_model import Name
+from eal_actors.kernel.suggestions import did_you_mean
 
 Text = Annotated[str, Field(min_length=1)]
 Texts = Annotated[tuple[Text, ...], Field(strict=False)]

@@ -12,7 +12,7 @@ import typer
 from typer.main import get_group
 
 from eal_actors import __version__
-from eal_actors.cli.exit_codes import EPILOG, ExitCode, report_error
+from eal_actors.cli.exit_codes import EPILOG, ExitCode, report_error, write_error
 from eal_actors.cli.interrupts import handle_signals
 from eal_actors.cli.options import EalCommand, EalCommandGroup, GlobalOptions, LogLevel
 from eal_actors.cli.streams import failsafe_output
@@ -51,6 +51,7 @@ _COMMANDS: Final = {
     "router": "router:run_router",
     "keys": "dashboard_keys:app",
     "plugin": "plugin:app",
+    "new": "new:app",
     "tracker": "tracker:app",
     "demo-network": "demo_network:demo_network",
     "lab": "lab:run_lab",
@@ -62,6 +63,10 @@ _SETTINGS: Final[dict[str, dict[str, Any]]] = {
     "demo-network": {"hidden": True},  # for `make demo-network`
     "lab": {"hidden": True},  # for `make lab`
 }
+
+
+_UsageError: Final[Any] = typer.BadParameter.__mro__[1]
+"""Of the click that typer uses, which newer versions contain."""
 
 
 class _Commands(Mapping[str, Any]):
@@ -104,11 +109,18 @@ class _EalProgram(EalCommandGroup):
             gc.enable()
 
     def invoke(self, ctx: Any) -> Any:
+        words = [*getattr(ctx, "_protected_args", ()), *ctx.args]
+        as_json = "--json" in (words[: words.index("--")] if "--" in words else words)
         try:
             return super().invoke(ctx)
         except EALError as error:
             options = ctx.find_object(GlobalOptions) or GlobalOptions()
-            raise typer.Exit(report_error(error, options)) from error
+            raise typer.Exit(report_error(error, options, as_json=as_json)) from error
+        except _UsageError as error:
+            if not as_json:
+                raise
+            write_error("usage", error.format_message(), ExitCode.BAD_INPUT)
+            raise typer.Exit(ExitCode.BAD_INPUT) from error
         except KeyboardInterrupt:
             raise typer.Exit(ExitCode.INTERRUPTED) from None
 

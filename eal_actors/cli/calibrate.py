@@ -19,13 +19,14 @@ from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.fleets import find_resource, plugin_advice, read_fleet
 from eal_actors.cli.options import EalCommandGroup, JsonOption, OptionalFleetOption
 from eal_actors.cli.output import counted, new_table, print_line, stderr, stdout, write_json
+from eal_actors.cli.work import work_progress
 from eal_actors.device.differential_base import NOMINAL, WheelCalibration
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.bundled import short_path
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import ArgumentError
 from eal_actors.kernel.lock_step import MAX
-from eal_actors.lab.calibration.calibration_file import WrittenCalibration, require_own, write_calibration
+from eal_actors.lab.calibration.calibration_file import WrittenCalibration, write_calibration
 from eal_actors.lab.calibration.drive import (
     GroundTruth,
     SquareMeasurement,
@@ -37,6 +38,7 @@ from eal_actors.lab.calibration.drive import (
 )
 from eal_actors.lab.calibration.fit import Fit, fit_squares
 from eal_actors.lab.calibration.square import WAYS, Point, SquareEnds, Way, read_square_ends
+from eal_actors.lab.fleet_edits import require_own
 from eal_actors.managers.fleet_model import FleetConfig
 
 _WAYS: Final[dict[Way, str]] = {"cw": "clockwise", "ccw": "counter-clockwise"}
@@ -164,13 +166,15 @@ def calibrate_robots(
     console = stderr() if as_json else stdout()
     test = _SquareTest(side, runs, wheelbase, _read_measured(ends, names), console)
     with Fleet(config).connect(dict.fromkeys(names)) as opened, plugin_advice(opened):
-        results = [_calibrate(opened, name, test) for name in dict.fromkeys(names)]
+        results = _calibrate_all(opened, list(dict.fromkeys(names)), test)
     written = {result.robot: _write_result(config, result, side) for result in results if write and result.is_better}
     if as_json:
         write_json({"side_m": side, "robots": {result.robot: _result_as_json(result, written) for result in results}})
     else:
         _print_results(console, results)
     _print_notes(console, results, written, write=write)
+    if len(results) < len(dict.fromkeys(names)):
+        raise typer.Exit(ExitCode.INTERRUPTED)
     if not all(result.is_better for result in results):
         raise typer.Exit(ExitCode.FAILED)
 
@@ -182,6 +186,19 @@ def _read_measured(ends: Path | None, names: list[str]) -> SquareEnds | None:
     if len(names) != 1:
         raise typer.BadParameter("needs one robot: name it with --robot", param_hint="'--ends'")
     return read_square_ends(ends)
+
+
+def _calibrate_all(fleet: Fleet, names: list[str], test: _SquareTest) -> list[_CalibrationResult]:
+    """Return the results of all robots; of those that are done, if Ctrl-C is pressed after the first."""
+    results: list[_CalibrationResult] = []
+    try:
+        for name in names:
+            results.append(_calibrate(fleet, name, test))  # noqa: PERF401  # what is done is kept
+    except KeyboardInterrupt:
+        if not results:
+            raise
+        print_line(test.console, f"Stopped after {counted(len(results), 'robot')} of {len(names)}.", "yellow")
+    return results
 
 
 def _calibrate(fleet: Fleet, name: str, test: _SquareTest) -> _CalibrationResult:
@@ -207,15 +224,14 @@ def _drive(robot: RobotHandle, measurement: SquareMeasurement, test: _SquareTest
     """Drive the squares of one run, and show the progress on a terminal."""
     total = len(WAYS) * test.squares
     with ExitStack() as stack:
-        status = None
-        if test.console.is_terminal and isinstance(measurement, GroundTruth):  # a status line would hide questions
-            status = stack.enter_context(test.console.status(f"{robot.name} {when}"))
+        on_done = None
+        if isinstance(measurement, GroundTruth):  # a bar would hide the questions to a person
+            on_done = stack.enter_context(work_progress(stderr(), f"square of {robot.name} {when}", total))
 
         def update_status(way: Way, number: int, end: Point) -> None:
-            done = number + (test.squares if way == WAYS[1] else 0)
-            if status is not None:
+            if on_done is not None:
                 off_mm = [round(part * 1000) for part in end]
-                status.update(f"{robot.name} {when}: {done} of {total} squares; {way} ended at {off_mm} mm")
+                on_done(f"{robot.name} {when}: {_WAYS[way]} square {number} ended at {off_mm} mm", False)
 
         return drive_squares(robot, measurement, test.side_m, test.squares, update_status)
 

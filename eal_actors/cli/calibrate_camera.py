@@ -15,10 +15,14 @@ from eal_actors.cli.fleets import find_resource, plugin_advice, read_fleet
 from eal_actors.cli.options import EalCommand, JsonOption, OptionalFleetOption
 from eal_actors.cli.output import counted, print_line, stderr, stdout, write_json
 from eal_actors.cli.tracker import SquareOption, SquaresOption, board_size, needs_opencv
+from eal_actors.cli.work import work_progress
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.bundled import short_path
 from eal_actors.kernel.errors import ArgumentError, ConfigError, Problem, UnavailableError
+from eal_actors.managers.fleet_model import FleetConfig
 
 if TYPE_CHECKING:
+    from eal_actors.lab.markers.lens_file import FleetCamera
     from eal_actors.lab.markers.lens_fit import BoardFinder, BoardView, LensFit
 
 _SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
@@ -40,44 +44,84 @@ def calibrate_camera(
     timeout: Annotated[float, typer.Option(min=1, max=3600, help="Seconds in which to take them.")] = 300.0,
     squares: SquaresOption = "7x5",
     square: SquareOption = 38.0,
+    write: Annotated[bool, typer.Option("--write", help="Write the lens into the fleet file.")] = False,
+    camera: Annotated[
+        str | None,
+        typer.Option(
+            metavar="[ROBOT.]CAMERA", show_default="the only one", help="The tracker's camera that gets the lens."
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Find a camera's focal lengths, centre and distortion, by pictures of a board of `eal tracker print --board`.
 
     Hold the board at different angles, near and far, so that it reaches into every corner of the picture. The result is
-    the setting `lens` of the plugin tracker. The exit code is 1 if the error is over 1 pixel.
+    the setting `lens` of the plugin tracker; --write replaces it in the fleet file, whose comments stay, or writes a
+    file beside it and includes that. The exit code is 1, and nothing is written, if the error is over 1 pixel.
     """
-    if (folder is None) == (robot is None):
-        raise typer.BadParameter("name either a folder of pictures, or --fleet and --robot", param_hint="'FOLDER'")
+    _check_sources(folder, robot, has_fleet=fleet is not None, needs_fleet=write or robot is not None)
     try:
-        from eal_actors.lab.markers.lens_fit import GOOD_COVERAGE, GOOD_ERROR_PX, BoardFinder, fit_lens
+        from eal_actors.lab.markers.lens_file import find_camera
+        from eal_actors.lab.markers.lens_fit import GOOD_ERROR_PX, BoardFinder
     except ImportError as error:
         raise needs_opencv(error) from error
+    config = read_fleet(fleet) if fleet is not None else None
+    goal = find_camera(config, camera) if config is not None and write else None  # fails before pictures are taken
     finder = BoardFinder(board_size(squares, square))
     console = stderr() if as_json else stdout()
-    if folder is not None:
-        found = _views_of_folder(folder, finder, console)
-    elif fleet is not None and robot is not None:
-        found = _views_of_robot(fleet, (robot, resource), finder, count, timeout)
+    if config is not None and robot is not None:
+        found = _views_of_robot(config, (robot, resource), finder, count, timeout)
     else:
-        raise typer.BadParameter("is missing: name the fleet file", param_hint="'--fleet' / '-f'")
+        found = _views_of_folder(folder or Path(), finder, console)
+    fit = _fitted(found, folder or fleet)
+    is_good = fit.error_px <= GOOD_ERROR_PX
+    file = _write_fit(config, goal, fit) if config and goal and is_good else None
+    _print_fit(fit, len(found), file, as_json=as_json)
+    _print_notes(console, fit, file)
+    if not is_good:
+        raise typer.Exit(ExitCode.FAILED)
+
+
+def _fitted(found: list[BoardView], source: Path | None) -> LensFit:
+    from eal_actors.lab.markers.lens_fit import fit_lens
+
     try:
-        fit = fit_lens(found)
+        return fit_lens(found)
     except ArgumentError as error:
-        raise ConfigError([Problem(str(folder or fleet), 0, 0, "", error.message)]) from error
-    if as_json:
-        write_json({"pictures": len(found), **asdict(fit)})
-    else:
-        _print_fit(fit, len(found))
+        raise ConfigError([Problem(str(source), 0, 0, "", error.message)]) from error
+
+
+def _check_sources(folder: Path | None, robot: str | None, *, has_fleet: bool, needs_fleet: bool) -> None:
+    """Raise BadParameter unless the options name where the pictures come from."""
+    if (folder is None) == (robot is None):
+        raise typer.BadParameter("name either a folder of pictures, or --fleet and --robot", param_hint="'FOLDER'")
+    if needs_fleet and not has_fleet:
+        raise typer.BadParameter("is missing: name the fleet file", param_hint="'--fleet' / '-f'")
+
+
+def _write_fit(config: FleetConfig, goal: FleetCamera, fit: LensFit) -> Path:
+    from eal_actors.lab.markers.lens_file import write_lens
+
+    return write_lens(config, goal, fit, f"Found by `eal calibrate camera`: error {fit.error_px:.2f} px.")
+
+
+def _print_notes(console: Console, fit: LensFit, file: Path | None) -> None:
+    """Print where the lens was written, and what is doubtful about it."""
+    from eal_actors.lab.markers.lens_fit import GOOD_COVERAGE, GOOD_ERROR_PX
+
+    if file is not None:
+        print_line(console, f"The lens is in {short_path(file)}", "dim")
     if fit.coverage < GOOD_COVERAGE:
         text = f"The board was in {fit.coverage:.0%} of the picture: hold it into the corners too."
         print_line(console, text, "yellow")
     if fit.error_px > GOOD_ERROR_PX:
         print_line(console, "The error is too large: is the board flat, and are --squares and --square right?", "red")
-        raise typer.Exit(ExitCode.FAILED)
 
 
-def _print_fit(fit: LensFit, pictures: int) -> None:
+def _print_fit(fit: LensFit, pictures: int, file: Path | None, *, as_json: bool) -> None:
+    if as_json:
+        write_json({"pictures": pictures, **asdict(fit), "file": str(file) if file else None})
+        return
     console = stdout()
     console.out(fit.as_yaml(), end="", highlight=False)
     text = f"{counted(pictures, 'picture')}, error {fit.error_px:.2f} px, focal length ±{fit.focal_sd_px:.1f} px"
@@ -93,20 +137,25 @@ def _views_of_folder(folder: Path, finder: BoardFinder, console: Console) -> lis
     if not files:
         what = f"contains no pictures, which end in {', '.join(_SUFFIXES)}" if folder.is_dir() else "is no folder"
         raise ConfigError([Problem(str(folder), 0, 0, "", what)])
-    views = []
-    for file in files:
-        image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
-        if image is None:
-            raise ConfigError([Problem(str(file), 0, 0, "", "is not a picture that OpenCV can read")])
-        if (view := finder.find(np.asarray(image, np.uint8))) is not None:
-            views.append(view)
-        else:
-            print_line(console, f"{file.name}: left out, the board is not in it", "yellow")
+    views, left_out = [], []
+    with work_progress(stderr(), "picture", len(files)) as on_done:
+        for file in files:
+            image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+            if image is None:
+                raise ConfigError([Problem(str(file), 0, 0, "", "is not a picture that OpenCV can read")])
+            view = finder.find(np.asarray(image, np.uint8))
+            if view is not None:
+                views.append(view)
+            else:
+                left_out.append(file.name)
+            on_done(f"{file.name}: {'the board is found' if view is not None else 'no board'}", False)
+    for name in left_out:
+        print_line(console, f"{name}: left out, the board is not in it", "yellow")
     return views
 
 
 def _views_of_robot(
-    fleet: Path, camera: tuple[str, str], finder: BoardFinder, count: int, timeout_s: float
+    fleet: FleetConfig, camera: tuple[str, str], finder: BoardFinder, count: int, timeout_s: float
 ) -> list[BoardView]:
     """Take pictures until enough of them show the board at different places."""
     from eal_actors.lab.markers.lens_fit import is_new_view
@@ -114,7 +163,7 @@ def _views_of_robot(
     robot, resource = camera
     console = stderr()
     views: list[BoardView] = []
-    with Fleet(read_fleet(fleet)).connect([robot]) as opened, plugin_advice(opened):
+    with Fleet(fleet).connect([robot]) as opened, plugin_advice(opened):
         find_resource(opened, robot, resource)
         handle, end_s = opened[robot][resource], opened.clock.now() + timeout_s
         while len(views) < count:

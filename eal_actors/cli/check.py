@@ -15,6 +15,7 @@ from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.fleets import check_plugins
 from eal_actors.cli.options import JsonOption
 from eal_actors.cli.output import counted, print_line, stderr, stdout, write_json
+from eal_actors.cli.problems import print_problems
 from eal_actors.cli.world import summarize_world
 from eal_actors.device.world import load_world
 from eal_actors.kernel.bundled import find_files
@@ -98,8 +99,7 @@ def _print_results(results: list[FileCheck], problems: list[Problem]) -> None:
     for result in results:
         if not result.problems:
             print_line(out, Text.assemble(f"{result.file}: ", ("ok", "green"), f" ({result.summary})"))
-    for problem in problems:
-        print_line(out, str(problem))
+    print_problems(out, problems)
     if problems:
         files = {problem.file for problem in problems}
         err.print(f"{counted(len(problems), 'problem')} in {counted(len(files), 'file')}", style="bold red")

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import json
+import os
+import re
+import secrets
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Final
 
 import typer
@@ -14,8 +20,12 @@ import typer
 from eal_actors.cli.fleets import read_fleet
 from eal_actors.cli.output import print_line, stderr
 from eal_actors.kernel.errors import UnavailableError
+from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.managers.network_model import IDENTITY_VARIABLE
 
 _STOP_S: Final = 5.0  # real seconds after which a server that has not ended is killed
+_LOOPBACK: Final = "127.0.0.1"
+_LOCAL: Final = re.compile(r"(?P<start>(tcp|tls)/(127\.0\.0\.1|localhost):)(?P<port>\d+)")
 _PROGRAM: Final = (sys.executable, "-m", "eal_actors")
 
 
@@ -24,12 +34,53 @@ def demo_network(
     fleet: Annotated[Path, typer.Option("--fleet", "-f")] = Path("loopback"),
     runs_dir: Annotated[Path, typer.Option()] = Path("runs"),
 ) -> None:
-    """Serve each robot of a fleet from its own process, run a scenario over the network, and stop the servers."""
-    served = [name for name, robot in read_fleet(fleet).robots.items() if robot.address is not None]
-    with _serving(fleet, served):
+    """Serve each robot of a fleet from its own process, run a scenario over the network, and stop the servers.
+
+    A robot whose port on this machine is in use gets a free one.
+    """
+    os.environ[IDENTITY_VARIABLE] = secrets.token_hex(4)  # no robots of another fleet, which may run here as well
+    config = read_fleet(fleet)
+    served = [name for name, robot in config.robots.items() if robot.address is not None]
+    with _on_free_ports(config) as file, _serving(file, served):
+        fleet = file
         run = ("run", scenario, "--fleet", fleet, "--runs-dir", runs_dir, "--show")
         code = subprocess.run([*_PROGRAM, *map(str, run)], check=False).returncode  # noqa: S603  # our own program
     raise typer.Exit(code)
+
+
+@contextmanager
+def _on_free_ports(config: FleetConfig) -> Iterator[Path]:
+    """Yield the fleet file; where ports are in use, a temporary one that includes it and has free ones."""
+    moved = {}
+    for name, robot in config.robots.items():
+        local = _LOCAL.fullmatch(str(robot.address))
+        if local is not None and not _is_free(int(local["port"])):
+            moved[name] = {"address": f"{local['start']}{_free_port()}"}
+            print_line(stderr(), f"{name}: port {local['port']} is in use by another program", "dim")
+    if not moved:
+        yield config.source
+        return
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / config.source.name
+        content = {"version": 1, "name": config.name, "include": [str(config.source.resolve())], "robots": moved}
+        file.write_text(json.dumps(content), encoding="utf-8")
+        yield file
+
+
+def _is_free(port: int) -> bool:
+    with socket.socket() as trial:
+        trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            trial.bind((_LOOPBACK, port))
+        except OSError:
+            return False
+    return True
+
+
+def _free_port() -> int:
+    with socket.socket() as trial:
+        trial.bind((_LOOPBACK, 0))
+        return int(trial.getsockname()[1])
 
 
 @contextmanager

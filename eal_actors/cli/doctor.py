@@ -13,7 +13,7 @@ from rich.text import Text
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.fleets import read_fleet
 from eal_actors.cli.options import JsonOption, RobotsArgument
-from eal_actors.cli.output import counted, new_table, stdout, write_json
+from eal_actors.cli.output import PAGE_WIDTH, counted, new_table, stdout, write_json
 from eal_actors.kernel.bundled import FLEET_VARIABLE
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.operate.doctor import Diagnostic, Severity, diagnose_fleet, diagnose_machine
@@ -64,7 +64,7 @@ def _of_fleet(fleet: Path, robots: list[str]) -> Iterator[Diagnostic]:
 
 
 def _print(findings: list[Diagnostic], problems: int) -> None:
-    console = stdout()
+    console = stdout(PAGE_WIDTH)
     table = new_table("", "area", "finding")
     for finding in findings:
         style = _STYLES[finding.level]

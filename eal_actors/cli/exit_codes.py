@@ -5,12 +5,15 @@ from __future__ import annotations
 import enum
 import re
 import traceback
-from typing import Final
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any, Final
 
 from rich.text import Text
 
 from eal_actors.cli.options import GlobalOptions
-from eal_actors.cli.output import counted, stderr
+from eal_actors.cli.output import counted, stderr, write_json
+from eal_actors.cli.problems import print_problems
 from eal_actors.kernel.errors import (
     ArgumentError,
     BusyError,
@@ -20,6 +23,7 @@ from eal_actors.kernel.errors import (
     EALError,
     PlaceNotFoundError,
     PluginError,
+    Problem,
     RemoteError,
     ResourceNotFoundError,
     RobotFailedError,
@@ -81,12 +85,20 @@ def exit_code(error: EALError) -> ExitCode:
     return _row(error)[1]
 
 
-def report_error(error: EALError, options: GlobalOptions) -> ExitCode:
+def report_error(error: EALError, options: GlobalOptions, *, as_json: bool = False) -> ExitCode:
     """Print an error and what to do next on stderr; return its exit code.
 
     `--log-format json` makes it a log line; `--log-level debug` adds the traceback.
+
+    Args:
+        error: the error.
+        options: those before the command's name.
+        as_json: whether the command was called with `--json`: the error is JSON on stdout, in place of the result.
     """
     code, advice = exit_code(error), _advice(error)
+    if as_json:
+        write_error(error.code, str(error), code, advice, getattr(error, "problems", ()))
+        return code
     if options.log_format == "json":
         get_logger().error(str(error), code=error.code, exit_code=int(code), exc_info=options.log_level == "debug")
         return code
@@ -94,14 +106,19 @@ def report_error(error: EALError, options: GlobalOptions) -> ExitCode:
     if options.log_level == "debug":
         console.print("".join(traceback.format_exception(error)), end="", soft_wrap=True)
     if isinstance(error, ConfigError):
-        for problem in error.problems:
-            console.print(str(problem), soft_wrap=True)
+        print_problems(console, error.problems)
         advice = f"{counted(len(error.problems), 'problem')}; nothing was done."
     else:
         console.print(Text.assemble(("Error: ", "bold red"), str(error)), soft_wrap=True)
     if advice:
         console.print(advice, style="dim", soft_wrap=True)
     return code
+
+
+def write_error(name: str, message: str, code: ExitCode, advice: str = "", problems: Sequence[Problem] = ()) -> None:
+    """Write an error to stdout as JSON, in place of the result of a command with `--json`."""
+    about: dict[str, Any] = {"code": name, "message": message, "exit_code": int(code), "advice": advice}
+    write_json({"error": {**about, "problems": [asdict(problem) for problem in problems]}})
 
 
 def _advice(error: EALError) -> str:

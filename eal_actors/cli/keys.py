@@ -18,7 +18,7 @@ from eal_actors.cli.output import new_table, print_line, stderr, stdout, write_j
 from eal_actors.kernel.bundled import find_file, short_path
 from eal_actors.kernel.clock import wall_time
 from eal_actors.kernel.errors import ConfigError, Problem, RobotNotFoundError
-from eal_actors.kernel.strict_model import did_you_mean
+from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_source import load_yaml
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_loader import load_fleet

@@ -24,7 +24,7 @@ from eal_actors.cli.options import EalCommand, FleetOption
 from eal_actors.cli.output import print_line, stderr, stdout
 from eal_actors.kernel.clock import wall_time
 from eal_actors.kernel.errors import EALError
-from eal_actors.kernel.strict_model import did_you_mean
+from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.wire.format import keys

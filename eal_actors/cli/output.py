@@ -17,22 +17,28 @@ from rich.text import Text
 from eal_actors.device.data import DataType, EALData
 
 _PIPE_WIDTH: Final = 160  # columns of a table in a pipe or a file: wide, so that lines stay whole for grep
+PAGE_WIDTH: Final = 80
+"""Columns of a table in a pipe whose cells are texts for people."""
 _MOST_ELEMENTS: Final = 32  # larger arrays are not printed in full
 
 
-def stdout() -> Console:
-    """Return a console on stdout, for results."""
-    return _console(sys.stdout)
+def stdout(pipe_width: int = _PIPE_WIDTH) -> Console:
+    """Return a console on stdout, for results.
+
+    Args:
+        pipe_width: columns of a table in a pipe or a file.
+    """
+    return _console(sys.stdout, pipe_width)
 
 
 def stderr() -> Console:
     """Return a console on stderr, for everything that is not a result."""
-    return _console(sys.stderr)
+    return _console(sys.stderr, _PIPE_WIDTH)
 
 
-def _console(file: TextIO) -> Console:
+def _console(file: TextIO, pipe_width: int) -> Console:
     piped = not file.isatty() and "COLUMNS" not in os.environ
-    return Console(file=file, width=_PIPE_WIDTH if piped else None, highlight=False, markup=False, emoji=False)
+    return Console(file=file, width=pipe_width if piped else None, highlight=False, markup=False, emoji=False)
 
 
 def new_table(*columns: str, right: tuple[str, ...] = ()) -> Table:

@@ -18,7 +18,7 @@ from rich.text import Text
 from eal_actors import plugin as plugin_api
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.options import EalCommand, EalCommandGroup, GlobalOptions, JsonOption
-from eal_actors.cli.output import counted, new_table, print_line, stderr, stdout, write_json
+from eal_actors.cli.output import PAGE_WIDTH, counted, new_table, print_line, stderr, stdout, write_json
 from eal_actors.kernel.bundled import short_path
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.log import configure_logging
@@ -69,7 +69,7 @@ def _print_list(found: Sequence[dict[str, Any]]) -> None:
             about.append(f"\nmissing: {', '.join(plugin['missing'])}", style="yellow")
         table.add_row(Text(plugin["name"], style="cyan"), plugin["version"], "\n".join(plugin["resources"]), about)
         table.add_section()
-    stdout().print(table)
+    stdout(PAGE_WIDTH).print(table)
 
 
 @app.command("new", cls=EalCommand)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any
@@ -17,6 +16,7 @@ from eal_actors.cli.options import BindingsOption, FleetOption, JsonOption, Keep
 from eal_actors.cli.output import counted, new_table, print_line, stderr, stdout, write_json
 from eal_actors.cli.progress import STYLES
 from eal_actors.cli.run_options import RunOptions, RunRequest, read_request
+from eal_actors.cli.work import work_progress
 from eal_actors.lab.rehearsal import ClosestApproach, Incident, Rehearsal, rehearse
 from eal_actors.lab.rehearsal.proximity import TOUCH_M
 from eal_actors.managers.twins import SimulatedFleet, simulated
@@ -66,6 +66,8 @@ def rehearse_scenario(
         write_json(_rehearsals_as_json(request, twins, margin, done))
     else:
         _print_rehearsals(console, request, margin, done)
+    if len(done) < len(chosen):
+        raise typer.Exit(ExitCode.INTERRUPTED)
     if not all(one.is_clear for one in done):
         raise typer.Exit(ExitCode.FAILED)
 
@@ -73,12 +75,19 @@ def rehearse_scenario(
 def _rehearse_all(
     console: Console, request: RunRequest, twins: SimulatedFleet, margin_m: float, seeds: Sequence[int]
 ) -> list[Rehearsal]:
+    """Return the rehearsals with all seeds; with those that are done, if Ctrl-C is pressed after the first."""
     done: list[Rehearsal] = []
-    for seed in seeds:
-        with TemporaryDirectory(prefix="eal-rehearse-") as folder, ExitStack() as stack:
-            if console.is_terminal:
-                stack.enter_context(console.status(f"seed {seed}"))
-            done.append(rehearse(request.scenario, twins, margin_m, seed, Path(folder) / "run", request.binding))
+    try:
+        with work_progress(stderr(), "seed", len(seeds)) as on_done:
+            for seed in seeds:
+                with TemporaryDirectory(prefix="eal-rehearse-") as folder:
+                    run = Path(folder) / "run"
+                    done.append(rehearse(request.scenario, twins, margin_m, seed, run, request.binding))
+                on_done(f"seed {seed}: {done[-1].report.outcome}", False)
+    except KeyboardInterrupt:
+        if not done:
+            raise
+        print_line(console, f"Stopped after {counted(len(done), 'seed')} of {len(seeds)}.", "yellow")
     return done
 
 

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import typer
 from rich.console import Console
 
 from eal_actors.cli.exit_codes import ExitCode
-from eal_actors.cli.fleets import plugin_advice
+from eal_actors.cli.fleets import plugin_advice, require_modules
 from eal_actors.cli.interrupts import RunInterrupts
 from eal_actors.cli.options import (
     BindingsOption,
@@ -29,6 +29,7 @@ from eal_actors.cli.run_keys import RunKeys
 from eal_actors.cli.run_options import (
     DryRunOption,
     EventsOption,
+    FilmOption,
     NoPlotOption,
     RateOption,
     RecordOption,
@@ -38,6 +39,7 @@ from eal_actors.cli.run_options import (
     RunsDirOption,
     SeedOption,
     ShowOption,
+    StrictOption,
     read_request,
 )
 from eal_actors.cli.run_output import plan_as_json, print_plan, print_summary
@@ -51,6 +53,7 @@ from eal_actors.recording import (
     RunFolder,
     RunRecorder,
     draw_run,
+    film_run,
     folder_errors,
     keep_provenance,
     new_run_folder,
@@ -80,7 +83,9 @@ def run_scenario(
     metrics_port: MetricsPortOption = None,
     trace: TraceOption = None,
     no_plot: NoPlotOption = False,
+    film: FilmOption = False,
     show: ShowOption = False,
+    strict: StrictOption = False,
 ) -> None:
     """Run a scenario on a fleet.
 
@@ -100,8 +105,10 @@ def run_scenario(
     with event_stream(events) as listeners, traces_to(trace, "eal run", console):
         options = context.find_object(GlobalOptions) or GlobalOptions()
         finished = _execute(request, runs_dir, console, options, listeners, record, metrics_port)
-    _show(finished, request.config, console, as_json=as_json, draw=not no_plot, open_drawing=show)
-    if finished.interrupts or finished.report.outcome != "done":
+    drawings = _Drawings(not no_plot and finished.interrupts < 2, film and finished.interrupts < 2, show)
+    _show(finished, request.config, console, drawings, as_json=as_json)
+    is_lacking = strict and bool(finished.report.dropped)
+    if finished.interrupts or finished.report.outcome != "done" or is_lacking:
         raise typer.Exit(ExitCode.INTERRUPTED if finished.interrupts else ExitCode.FAILED)
 
 
@@ -114,24 +121,34 @@ class _FinishedRun:
     interrupts: int
 
 
-def _show(
-    finished: _FinishedRun, config: FleetConfig, console: Console, *, as_json: bool, draw: bool, open_drawing: bool
-) -> None:
+class _Drawings(NamedTuple):
+    """The drawings of a run: the picture, the film, and whether to show them."""
+
+    picture: bool
+    film: bool
+    show: bool
+
+
+def _show(finished: _FinishedRun, config: FleetConfig, console: Console, drawings: _Drawings, *, as_json: bool) -> None:
     """Print the summary of a run, draw its paths, and name its files."""
     if as_json:
         write_json(finished.report.model_dump(mode="json"))
     else:
         print_summary(console, finished.report)
     print_line(console, f"run: {finished.directory}", "dim")
-    files = _draw_paths(finished, config, draw=draw and finished.interrupts < 2)
-    for file in files:
-        print_line(console, f"{file.suffix[1:]}: {file}", "dim")
-    if open_drawing and files and files[-1].suffix == ".png" and any(map(os.environ.get, _DESKTOPS)):
-        typer.launch(str(files[-1]))
+    files = {file.suffix[1:]: file for file in _draw_paths(finished, config, drawings)}
+    for kind, file in files.items():
+        print_line(console, f"{kind}: {file}", "dim")
+    if drawings.show and "png" in files:
+        from eal_actors.cli.inline_picture import show_inline  # few terminals show pictures
+
+        if not show_inline(console.file, files["png"], files.get("gif")) and any(map(os.environ.get, _DESKTOPS)):
+            typer.launch(str(files.get("gif", files["png"])))
 
 
 def _print_dry_run(request: RunRequest, console: Console, *, as_json: bool) -> None:
     """Make the plan on the connected robots, and print it."""
+    require_modules(request.config, _bound_robots(request))
     with Fleet(request.config).connect(_bound_robots(request)) as opened:
         with plugin_advice(opened):
             plan = _plan(request, opened)
@@ -156,6 +173,7 @@ def _execute(
     metrics_port: int | None,
 ) -> _FinishedRun:
     """Connect the robots of the scenario, show and record the run, and disconnect them."""
+    require_modules(request.config, _bound_robots(request))
     with (
         Fleet(request.config).connect(_bound_robots(request)) as opened,
         metrics_at(metrics_port, opened, opened.clock, console),
@@ -198,10 +216,11 @@ def _keep_provenance(directory: Path, request: RunRequest, plan: Plan) -> None:
     keep_provenance(directory, request.config, plan.scenario)
 
 
-def _draw_paths(finished: _FinishedRun, config: FleetConfig, *, draw: bool) -> list[Path]:
+def _draw_paths(finished: _FinishedRun, config: FleetConfig, drawings: _Drawings) -> list[Path]:
     """Draw the paths of the robots, if any pose was recorded; return the files."""
     run = RunFolder.open(finished.directory)
     if not run.paths:
         return []
-    drawing = draw_run(run, finished.report, config.world) if draw else None
-    return [finished.directory / TRAJECTORY, *([drawing] if drawing is not None else [])]
+    picture = draw_run(run, finished.report, config.world) if drawings.picture else None
+    film = film_run(run, config.world) if drawings.film else None
+    return [file for file in (finished.directory / TRAJECTORY, picture, film) if file is not None]

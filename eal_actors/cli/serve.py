@@ -1,7 +1,10 @@
-"""`eal serve`: serve a robot's resources on the network."""
+"""`eal serve`: serve robots' resources on the network."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from functools import partial
 from typing import Annotated
 
@@ -15,34 +18,65 @@ from eal_actors.cli.interrupts import handle_signals, reload_at_hangup
 from eal_actors.cli.options import FleetOption, GlobalOptions
 from eal_actors.cli.output import print_line, stdout
 from eal_actors.cli.telemetry import MetricsPortOption, TraceOption, metrics_at, traces_to
-from eal_actors.facade.service import RobotService
+from eal_actors.facade.service import RobotService, serve_together
 from eal_actors.kernel.errors import EALError
+from eal_actors.managers.fleet_model import FleetConfig
 
 
 def serve_robot(
     context: typer.Context,
     fleet: FleetOption,
-    robot: Annotated[str, typer.Option("--robot", "-r", help="Name of the robot.", show_default=False)],
+    robot: Annotated[list[str], typer.Option("--robot", "-r", help="Name of a robot; repeatable.", show_default=False)],
     metrics_port: MetricsPortOption = None,
     trace: TraceOption = None,
 ) -> None:
     """Run a robot in this process, and serve its resources at its address until Ctrl-C or SIGTERM.
 
     Controllers use the same fleet file. The robot halts when the command ends. SIGHUP reads the fleet file again.
+    Several robots share the process, each at its own address: so all robots and trackers of one simulated world.
     """
     handle_signals()
-    out = stdout()
-    with traces_to(trace, f"eal serve {robot}", out), RobotService(read_fleet(fleet, [robot]), robot) as service:
-        reload_at_hangup(partial(_reload, service, out, context.find_object(GlobalOptions) or GlobalOptions()))
+    out, names = stdout(), list(dict.fromkeys(robot))
+    if metrics_port is not None and len(names) > 1:
+        raise typer.BadParameter("needs one robot for each process", param_hint="'--metrics-port'")
+    with traces_to(trace, f"eal serve {' '.join(names)}", out), _served(read_fleet(fleet, names), names) as services:
+        service = services[0]
+        options = context.find_object(GlobalOptions) or GlobalOptions()
+        reload_at_hangup(partial(_reload, service, out, options))
         try:
-            print_line(out, Text.assemble((robot, "bold"), f" serves {', '.join(service.robot)}"))
-            how = "dials out to" if service.is_behind_router else "listening at"
-            print_line(out, f"{how} {', '.join(service.endpoints)}")
-            robots = {robot: service.robot}
+            for one in services:
+                print_line(out, Text.assemble((one.robot.name, "bold"), f" serves {', '.join(one.robot)}"))
+                how = "dials out to" if one.is_behind_router else "listening at"
+                print_line(out, f"{how} {', '.join(one.endpoints)}")
+            robots = {one.robot.name: one.robot for one in services}
             with metrics_at(metrics_port, robots, service.robot.clock, out, service.dead_man_trips):
-                service.wait()
+                _wait(services)
         except KeyboardInterrupt:
             out.print("halting and leaving the network")
+
+
+@contextmanager
+def _served(config: FleetConfig, robots: list[str]) -> Iterator[tuple[RobotService, ...]]:
+    if len(robots) > 1:
+        with serve_together(config, robots) as services:
+            yield services
+    else:
+        with RobotService(config, robots[0]) as service:
+            yield (service,)
+
+
+def _wait(services: tuple[RobotService, ...]) -> None:
+    """Wait until a service ends; raise its error."""
+    if len(services) == 1:
+        services[0].wait()
+        return
+    pool = ThreadPoolExecutor(len(services), "waits for a service")
+    try:
+        ended, _ = wait([pool.submit(service.wait) for service in services], return_when=FIRST_COMPLETED)
+        for one in ended:
+            one.result()
+    finally:
+        pool.shutdown(wait=False)  # the threads end when the services are closed
 
 
 def _reload(service: RobotService, out: Console, options: GlobalOptions) -> None:

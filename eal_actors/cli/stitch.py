@@ -11,7 +11,8 @@ from rich.text import Text
 
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.options import JsonOption
-from eal_actors.cli.output import counted, new_table, print_line, stdout, write_json
+from eal_actors.cli.output import counted, new_table, print_line, stderr, stdout, write_json
+from eal_actors.cli.work import work_progress
 from eal_actors.kernel.bundled import short_path
 from eal_actors.kernel.errors import ArgumentError, ConfigError, Problem, UnsupportedError
 from eal_actors.scenario.report.journal import EVENTS
@@ -72,13 +73,16 @@ def stitch_frames(
         raise typer.BadParameter(f"{str(out)!r} must end in {', '.join(PICTURES)}", param_hint="--out")
     folders = _folders(folder, out)
     reports: dict[str, dict[str, Any]] = {}
-    for robot in folders:
-        file = out or robot / PANORAMA
-        frames = read_frames(robot, None if step is None else math.radians(step), [file])
-        panorama = _stitch(robot, frames, field_of_view)
-        save_panorama(panorama, file)
-        reports[robot.name] = report = {"file": str(file), **describe(panorama, frames)}
-        if not as_json:
+    with work_progress(stderr(), "panorama", len(folders)) as on_done:
+        for robot in folders:
+            file = out or robot / PANORAMA
+            frames = read_frames(robot, None if step is None else math.radians(step), [file])
+            panorama = _stitch(robot, frames, field_of_view)
+            save_panorama(panorama, file)
+            reports[robot.name] = {"file": str(file), **describe(panorama, frames)}
+            on_done(f"{robot.name}: {counted(len(frames.images), 'frame')}", False)
+    if not as_json:
+        for report in reports.values():
             _print_report(report, field_of_view)
     if as_json:
         write_json(reports if (folder / EVENTS).is_file() else reports[folder.name])

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
 from eal_actors.cli.exit_codes import ExitCode
@@ -18,6 +16,7 @@ from eal_actors.cli.options import FleetOption, JsonOption, KeepOption, Scenario
 from eal_actors.cli.output import counted, print_line, stderr, stdout, write_json
 from eal_actors.cli.progress import STYLES
 from eal_actors.cli.run_options import RunOptions, read_request
+from eal_actors.cli.work import work_progress
 from eal_actors.kernel.bundled import short_path
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.lab.sweeping import (
@@ -137,13 +136,14 @@ def _run_sweep(console: Console, folder: SweepFolder, sweep: Sweep, processes: i
     perform = SweepWorker(sweep.scenario.source, sweep.scenario_hash, sweep.fleet.source, sweep.fleet_hash, sweep.keep)
     log = (folder.path / LOG).resolve()
     try:
-        with _progress(console, finished, len(jobs)) as on_result:
+        with work_progress(console, "run", len(jobs), finished) as on_done:
             for ended in run_all(tasks, perform, log, min(processes, max(1, len(waiting)))):
                 job = by_folder[ended.task.directory]
                 if ended.error is not None:
                     outcome = CRASHED if ended.has_crashed else REFUSED
                     failures[job.name] = SweepResult(job, outcome, error=ended.error)
-                on_result(failures.get(job.name) or folder.result(job, sweep.scenario))
+                result = failures.get(job.name) or folder.result(job, sweep.scenario)
+                on_done(_result_line(result), not result.is_good)
     except KeyboardInterrupt:
         done = sum(folder.is_finished(job) for job in jobs)
         stderr().print(
@@ -151,31 +151,6 @@ def _run_sweep(console: Console, folder: SweepFolder, sweep: Sweep, processes: i
         )
         raise
     return [failures.get(job.name) or folder.result(job, sweep.scenario) for job in jobs]
-
-
-@contextmanager
-def _progress(console: Console, finished: int, total: int) -> Iterator[OnResult]:
-    """Show a bar on a terminal, or a line for each run elsewhere. Failed runs get a line at once on both."""
-    if not console.is_terminal:
-        number = finished
-
-        def print_result(result: SweepResult) -> None:
-            nonlocal number
-            number += 1
-            print_line(console, Text(f"{number}/{total}  ").append_text(_result_line(result)))
-
-        yield print_result
-        return
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("runs", total=total, completed=finished)
-
-        def advance(result: SweepResult) -> None:
-            bar.advance(task)
-            if not result.is_good:
-                print_line(bar.console, _result_line(result))
-
-        yield advance
 
 
 def _result_line(result: SweepResult) -> Text:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import threading
-from contextlib import ExitStack, suppress
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from types import TracebackType
 from typing import Final, Self
@@ -11,7 +12,7 @@ from typing import Final, Self
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.device.info import unknown_name
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.errors import ConfigError, EALError, Problem
+from eal_actors.kernel.errors import ConfigError, EALError, Problem, UnsupportedError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_changes import FleetChanges
 from eal_actors.managers.fleet_model import FleetConfig
@@ -31,6 +32,8 @@ class RobotService:
     Args:
         config: the fleet.
         robot: the robot's name.
+        shared: a connected fleet of this process that has the robot, and that is not closed here; None for a fleet of
+            the robot alone. See `serve_together`.
 
     Attributes:
         endpoints: the endpoints that it listens on, or of the routers that it connects to.
@@ -42,7 +45,7 @@ class RobotService:
         ConfigError: the robot has no address, or no plugins.
     """
 
-    def __init__(self, config: FleetConfig, robot: str) -> None:
+    def __init__(self, config: FleetConfig, robot: str, shared: Fleet | None = None) -> None:
         (wanted,) = EALConfigManager(config).select([robot])
         problem = ""
         if wanted.address is None:
@@ -56,17 +59,13 @@ class RobotService:
         self._wanted = wanted
         self.endpoints: Final = endpoints_of(robot_config(config, robot))
         self.is_behind_router: Final = wanted.address == BEHIND_ROUTER
-        self._fleet = Fleet(self._local(config))
+        self._shares = shared is not None
+        self._fleet = shared if shared is not None else Fleet(_local(config, [robot]))
         self._host: RobotHost | None = None
         self._server: RobotServer | None = None
         self._server_lock = threading.Lock()
         self._stack = ExitStack()
         self.dead_man_trips: dict[str, int] = {}
-
-    def _local(self, config: FleetConfig) -> FleetConfig:
-        """Return the fleet of the robot alone, in this process."""
-        wanted = replace(config.robots[self._name], address=None, listen=None)
-        return replace(config, robots={self._name: wanted})
 
     @property
     def robot(self) -> RobotHandle:
@@ -84,13 +83,14 @@ class RobotService:
         Thread: blocks the caller.
         """
         with ExitStack() as stack:
-            stack.callback(self._fleet.close, _CLOSE_S)
-            self._fleet.connect()
+            if not self._shares:
+                stack.callback(self._fleet.close, _CLOSE_S)
+                self._fleet.connect()
             self.robot.require_started()
             self._check_exclusive()
             keeper = SessionKeeper(self._name, self._config.network, lambda: robot_config(self._config, self._name))
             stack.callback(keeper.close)
-            self._host = RobotHost(self._config.name, keeper.open(), self._config.network, self._name).launch()
+            self._host = RobotHost(self._config.network_name, keeper.open(), self._config.network, self._name).launch()
             stack.callback(self._host.close, _CLOSE_S)
             stack.callback(self._close_server)
             self._serve(self._host)
@@ -114,17 +114,20 @@ class RobotService:
             ConfigError: the file is wrong, or changes what cannot change while the robot is served: its address,
                 `listen`, `exclusive`, the network, and what Fleet.reload refuses. Nothing has changed then.
             UnavailableError: the service is not open.
+            UnsupportedError: the robot shares the process with others.
 
         Thread: any; blocks the caller.
         """
+        if self._shares:
+            raise UnsupportedError("robots that share a process are not reloaded: restart `eal serve`")
         config = EALConfigManager.load(self._config.source).fleet
         self._refuse_changes(config)
         with self._server_lock:
-            changes = self._fleet.check_reload(self._local(config))
+            changes = self._fleet.check_reload(_local(config, [self._name]))
             if self._host is not None and changes.restarted:
                 self._close_server()  # controllers see the robot leave, and then come back as it is
                 try:
-                    self._fleet.reload(self._local(config))
+                    self._fleet.reload(_local(config, [self._name]))
                 finally:
                     self._serve(self._host)
         return changes
@@ -186,3 +189,25 @@ class RobotService:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         self.close()
+
+
+@contextmanager
+def serve_together(config: FleetConfig, robots: Sequence[str]) -> Iterator[tuple[RobotService, ...]]:
+    """Serve robots that share this process, such as all robots and trackers of one simulated world.
+
+    Args:
+        config: the fleet.
+        robots: the robots' names.
+
+    Raises:
+        EALError: as for RobotService.
+
+    Thread: blocks the caller while it opens and closes.
+    """
+    with Fleet(_local(config, robots)).connect() as fleet, ExitStack() as stack:
+        yield tuple(stack.enter_context(RobotService(config, name, fleet)) for name in robots)
+
+
+def _local(config: FleetConfig, robots: Iterable[str]) -> FleetConfig:
+    """Return the fleet of some robots, in this process."""
+    return replace(config, robots={name: replace(config.robots[name], address=None, listen=None) for name in robots})

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.suggestions import nearest
 
 Kind = Literal["fleet", "scenario", "world"]
 
@@ -32,6 +33,12 @@ def is_installed(file: Path) -> bool:
 def bundled_names(kind: Kind) -> tuple[str, ...]:
     """Return the names of the bundled files of a kind."""
     return tuple(sorted(file.stem for file in bundled_path(_FOLDERS[kind]).glob(f"*{_SUFFIX}")))
+
+
+def bundled_instead(path: Path, kind: Kind) -> str:
+    """Return a hint at the bundled file of a name, for a path in a folder that does not exist; else nothing."""
+    is_known = not path.parent.is_dir() and path.stem in bundled_names(kind)
+    return f"; the framework has one: write '{path.stem}'" if is_known else ""
 
 
 def find_file(name: str | Path, kind: Kind, folder: Path | None = None) -> Path:
@@ -80,7 +87,10 @@ def _is_bare(name: str | Path) -> bool:
 
 
 def _unknown(name: str | Path, kind: str, known: Iterable[str]) -> ConfigError:
-    message = f"no such file, and no {kind} of that name comes with the framework; there are: {', '.join(known)}"
+    names = list(known)
+    near = nearest(str(name), names)
+    hint = f"did you mean '{near}'?" if near is not None else f"there are: {', '.join(names)}"
+    message = f"no such file, and no {kind} of that name comes with the framework; {hint}"
     return ConfigError([Problem(str(name), 0, 0, "", message)])
 
 

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import ast
-import difflib
 import inspect
 import re
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from itertools import pairwise
 from types import UnionType
-from typing import Annotated, Any, Final, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, ClassVar, Final, Literal, Union, get_args, get_origin
 
 from pydantic import (
     BaseModel,
@@ -28,6 +27,8 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
 from eal_actors.kernel.errors import Problem
+from eal_actors.kernel.suggestions import did_you_mean as did_you_mean
+from eal_actors.kernel.suggestions import nearest
 from eal_actors.kernel.yaml_tree import MarkedDict, MarkedList, YamlPath, YamlTree, show
 
 NAME_PATTERN: Final = r"^[A-Za-z][A-Za-z0-9_.-]*$"
@@ -36,6 +37,7 @@ NAME_TEMPLATE_PATTERN: Final = r"^[A-Za-z]([A-Za-z0-9_.-]|\{n\})*$"
 
 _NAME_WORDS: Final = "a name is a letter, then letters, digits, '_', '.' or '-'"
 _PATTERN_WORDS: Final = {NAME_PATTERN: _NAME_WORDS, NAME_TEMPLATE_PATTERN: f"{_NAME_WORDS}, with {{n}} for a number"}
+_MUST_BE: Final = re.compile(r"must be (?P<kind>.+?), not (?P<value>'.*?'|[^;]+)(?P<hint>;.*)?")
 _MAPPING_KINDS: Final = ("dict_type", "model_type", "model_attributes_type")
 _WORDS: Final = {
     "missing": "is missing",
@@ -75,6 +77,8 @@ class StrictModel(BaseModel):
         allow_inf_nan=False,
         defer_build=True,  # a program uses few of the models that it imports, and building one takes milliseconds
     )
+    synonyms: ClassVar[Mapping[str, str]] = {}
+    """Keys that people write by mistake, and what they mean."""
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
@@ -150,15 +154,6 @@ NAMES_ONLY: Final[dict[str, Any]] = {"additionalProperties": False}
 """`json_schema_extra` of a `dict[Name, X]`: pydantic's own schema would let other keys pass unchecked."""
 
 
-def did_you_mean(word: str, choices: Iterable[str]) -> str:
-    """Return `; did you mean 'x'?` for the choice nearest to a word, else the choices if they are few, else nothing."""
-    names = sorted(set(choices))
-    near = difflib.get_close_matches(word, names, n=1)
-    if near:
-        return f"; did you mean '{near[0]}'?"
-    return f"; known: {', '.join(names)}" if 0 < len(names) <= 12 else ""
-
-
 def problems_from(error: ValidationError, tree: YamlTree, model: object) -> list[Problem]:
     """Convert pydantic's errors into problems with a place in the file.
 
@@ -184,7 +179,18 @@ def problems_from(error: ValidationError, tree: YamlTree, model: object) -> list
         message = _message(dict(detail), annotations)
         if message not in messages:
             messages.append(message)
-    return [tree.problem(path, "; or ".join(messages), key=key) for (path, key), messages in found.items()]
+    return [tree.problem(path, _alternatives(messages), key=key) for (path, key), messages in found.items()]
+
+
+def _alternatives(messages: list[str]) -> str:
+    """Return the messages about one value as one: `must be text or a list, not 5`."""
+    parts = [_MUST_BE.fullmatch(message) for message in messages]
+    shown = {part["value"] for part in parts if part is not None}
+    if len(messages) < 2 or None in parts or len(shown) != 1:
+        return "; or ".join(messages)
+    kinds = dict.fromkeys(part["kind"] for part in parts if part is not None)
+    hints = dict.fromkeys(part["hint"] or "" for part in parts if part is not None)
+    return f"must be {' or '.join(kinds)}, not {shown.pop()}{''.join(hints)}"
 
 
 def _resolve(loc: tuple[int | str, ...], tree: YamlTree, model: object) -> tuple[YamlPath, list[object]]:
@@ -277,6 +283,9 @@ def _message(detail: dict[str, Any], annotations: list[object]) -> str:
     kind, context, value = detail["type"], detail.get("ctx", {}), detail["input"]
     if kind == "extra_forbidden":
         key = str(detail["loc"][-1])
+        for choice in map(_untagged, annotations):
+            if isinstance(choice, type) and issubclass(choice, StrictModel) and key in choice.synonyms:
+                return f"unknown key '{key}'; did you mean '{choice.synonyms[key]}'?"
         return f"unknown key '{key}'{did_you_mean(key, _known_keys(annotations))}"
     if kind in ("value_error", "assertion_error"):
         return str(context.get("error", detail["msg"]))
@@ -298,8 +307,8 @@ def _message(detail: dict[str, Any], annotations: list[object]) -> str:
 
 def _nearest(value: object, expected: str) -> str:
     names = re.findall(r"'([^']*)'", expected)
-    near = difflib.get_close_matches(value, names, n=1) if isinstance(value, str) else []
-    return f"; did you mean '{near[0]}'?" if near else ""
+    near = nearest(value, names) if isinstance(value, str) else None
+    return f"; did you mean '{near}'?" if near else ""
 
 
 def _without_fraction(value: object) -> object:

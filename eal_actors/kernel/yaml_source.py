@@ -16,7 +16,9 @@ from typing import Any, Final, NamedTuple, NoReturn
 import yaml
 
 from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.suggestions import nearest
 from eal_actors.kernel.yaml_tree import Mark, MarkedDict, MarkedList, YamlPath, YamlTree, format_path, show
+from eal_actors.kernel.yaml_words import explain
 
 
 class Limits(NamedTuple):
@@ -63,7 +65,9 @@ def read_file(path: str | Path, limits: Limits = USUAL) -> bytes:
         with Path(path).open("rb") as stream:
             return stream.read(limits.size + 1)
     except FileNotFoundError:
-        _refuse(name, "no such file")
+        beside = {file.stem: file.name for file in Path(name).parent.glob("*.y*ml")}
+        near = nearest(Path(name).stem, beside)
+        _refuse(name, "no such file" + (f"; did you mean '{beside[near]}'?" if near is not None else ""))
     except IsADirectoryError:
         _refuse(name, "is a folder, not a file")
     except OSError as error:
@@ -180,9 +184,7 @@ class _Composer(yaml.BaseLoader):
             line, column = _line_and_column(self.text, error.position)
             self._give_up(f"the character U+{ord(self.text[error.position]):04X} is not allowed in YAML", line, column)
         except yaml.MarkedYAMLError as error:
-            mark = error.problem_mark or error.context_mark
-            line, column = (mark.line + 1, mark.column + 1) if mark else (0, 0)
-            self._give_up(self._explain(error, line), line, column)
+            self._give_up(*explain(error, self.text))
         except (ValueError, OverflowError):  # chr() of an escape such as "\UFFFFFFFF"
             self._give_up("the escape is no valid character", self.line + 1, self.column + 1)
 
@@ -205,20 +207,6 @@ class _Composer(yaml.BaseLoader):
 
     def _give_up(self, message: str, line: int, column: int) -> NoReturn:
         raise ConfigError((*self.problems, Problem(self.file, line, column, "", message)))
-
-    def _explain(self, error: yaml.MarkedYAMLError, line: int) -> str:
-        problem = error.problem or error.context or "it cannot be read"
-        if problem.startswith("but found another document"):
-            return "a second document starts here; one file holds one document"
-        if "'\\t'" in problem:
-            return "YAML does not allow a tab here; use spaces"
-        text = f"not valid YAML: {problem}"
-        if error.context and error.context_mark and error.context != problem:
-            text += f", {error.context} from line {error.context_mark.line + 1}"
-        source = self.text.splitlines()[line - 1 : line]
-        if source and "${" in source[0]:
-            text += "; inside [...] and {...} a ${NAME} must stand in quotes, or write the value on a line of its own"
-        return text
 
 
 class _Builder:

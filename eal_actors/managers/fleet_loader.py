@@ -9,9 +9,10 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from eal_actors.device.world import WorldModel, load_world
-from eal_actors.kernel.bundled import Kind, find_file
+from eal_actors.kernel.bundled import Kind, bundled_instead, find_file
 from eal_actors.kernel.errors import ConfigError, Problem
-from eal_actors.kernel.strict_model import did_you_mean, problems_from
+from eal_actors.kernel.strict_model import problems_from
+from eal_actors.kernel.suggestions import did_you_mean, numbered_name_meant
 from eal_actors.kernel.yaml_source import load_yaml
 from eal_actors.kernel.yaml_tree import (
     Mark,
@@ -33,7 +34,7 @@ from eal_actors.managers.fleet_model import (
 )
 from eal_actors.managers.map_check import map_problems
 from eal_actors.managers.network_check import network_problems
-from eal_actors.managers.network_model import network_config
+from eal_actors.managers.network_model import IDENTITY_VARIABLE, network_config
 from eal_actors.managers.pose_check import pose_problems
 
 
@@ -66,6 +67,7 @@ def _resolved(reader: _Reader, root: MarkedDict | None, source: Path) -> FleetCo
     if problems:
         raise ConfigError(tuple(problems))
     fleet = FleetFile.model_validate(root)
+    keys = _beside(YamlTree(root).mark_at(("network", "security", "keys")), "")
     return FleetConfig(
         name=fleet.name or source.stem,
         source=source,
@@ -74,7 +76,7 @@ def _resolved(reader: _Reader, root: MarkedDict | None, source: Path) -> FleetCo
         world=world,
         plugin_dirs=plugin_dirs,
         robots={name: robot_config(name, levels, types) for name, levels, types in merged},
-        network=network_config(fleet.network, _beside(YamlTree(root).mark_at(("network", "security", "keys")), "")),
+        network=network_config(fleet.network, keys, reader.environment.get(IDENTITY_VARIABLE)),
         content=plain(root),
         tree=YamlTree(root),
         python_steps=fleet.python_steps,
@@ -89,12 +91,13 @@ class _Reader:
     Attributes:
         problems: the problems found.
         sound: every file was found and every section is a mapping, so a missing key is really missing.
+        environment: values of `${NAME}`.
     """
 
     def __init__(self, environment: Mapping[str, str]) -> None:
         self.problems: list[Problem] = []
         self.sound = True
-        self._environment = environment
+        self.environment = environment
         self._read: dict[Path, MarkedDict | None] = {}
 
     def read(self, path: Path, including: tuple[Path, ...]) -> MarkedDict | None:
@@ -106,7 +109,7 @@ class _Reader:
 
     def _read_new(self, path: Path, chain: tuple[Path, ...]) -> MarkedDict | None:
         try:
-            tree = load_yaml(path, environment=self._environment)
+            tree = load_yaml(path, environment=self.environment)
         except ConfigError as error:
             self.problems += error.problems
             self.sound = False
@@ -298,6 +301,7 @@ class _Resolver:
         is_complete = step is None and len(sections) == len(entries) and self._sound
         if is_complete and merged.get("plugins", {}) == {} and merged.get("address") is None:
             message = "the robot has no plugins; give it one under 'plugins', or a type that has one"
+            message += numbered_name_meant(key, self._tree.root["robots"])
             self._report(("robots", key), message, key=True)
         return merged, tuple(chain)
 
@@ -337,13 +341,12 @@ def _find(mark: Mark, target: str, kind: Kind) -> Path:
     except ConfigError as error:
         raise FileNotFoundError(error.problems[0].message) from None
     if not path.is_file():
-        raise FileNotFoundError(_no_such_file(path))
+        raise FileNotFoundError(_no_such_file(path) + bundled_instead(path, kind))
     return path
 
 
 def _no_such_file(path: Path) -> str:
-    siblings = [file.name for file in path.parent.glob("*.yaml")] if path.parent.is_dir() else []
-    return f"no such file: {path}{did_you_mean(path.name, siblings)}"
+    return f"no such file: {path}{did_you_mean(path.name, [file.name for file in path.parent.glob('*.yaml')])}"
 
 
 def tree_of(content: Mapping[str, object], name: str) -> YamlTree:

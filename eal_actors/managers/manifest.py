@@ -189,6 +189,15 @@ class PluginManifest:
         """Return the modules that it requires itself and that are not installed."""
         return tuple(module for module in self.file.requires if not _is_installed(module))
 
+    def lacks(self, user: PluginManifest | None = None) -> str:
+        """Return which modules are not installed and how to install them, perhaps for a plugin that uses it; or ""."""
+        missing = self.own_missing_modules()
+        if not missing:
+            return ""
+        remedy = f"'eal-actors[{self.file.extra}]'" if self.file.extra else " ".join(missing)
+        whose = "" if user in (None, self) else f" for the plugin {self.name!r}, which it uses"
+        return f"plugin {(user or self).name!r} needs {', '.join(missing)}{whose}: pip install {remedy}"
+
     def contradictions(self) -> list[str]:
         """Return the declarations that its folder and the other plugins do not fulfil."""
         found = []

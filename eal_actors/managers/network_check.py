@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 from eal_actors.kernel.errors import Problem
 from eal_actors.kernel.lock_step import MAX
-from eal_actors.kernel.strict_model import did_you_mean
+from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_tree import MarkedDict, MarkedList, YamlPath, YamlTree
 from eal_actors.managers.network_model import BEHIND_ROUTER, SECURE_PROTOCOLS, check_address, parse_endpoint
 

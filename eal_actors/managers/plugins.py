@@ -64,12 +64,8 @@ def import_plugin(manifest: PluginManifest) -> ModuleType:
 
 
 def _require_modules(plugin: PluginManifest, user: PluginManifest) -> None:
-    missing = plugin.own_missing_modules()
-    if missing:
-        extra = plugin.file.extra
-        remedy = f"pip install 'eal-actors[{extra}]'" if extra else f"pip install {' '.join(missing)}"
-        whose = "" if plugin is user else f" for the plugin {plugin.name!r}, which it uses"
-        raise PluginError(f"plugin {user.name!r} needs {', '.join(missing)}{whose}: {remedy}")
+    if lack := plugin.lacks(user):
+        raise PluginError(lack)
 
 
 def _make_importable(plugin: PluginManifest, user: PluginManifest) -> None:

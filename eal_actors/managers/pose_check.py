@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from eal_actors.kernel.errors import Problem
-from eal_actors.kernel.strict_model import did_you_mean
+from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_tree import MarkedDict, MarkedList, YamlPath, YamlTree
 from eal_actors.managers.fleet_model import ODOMETRY
 

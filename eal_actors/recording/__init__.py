@@ -7,13 +7,14 @@ record of an interrupted run whole.
 Reading: `run_folder` reads all files of a run, `recorded_run` its values and calls for the replay, and `comparison`
 compares two runs.
 
-Showing: `timeline` is the course of a run, `arena` and `picture` draw, and `report_page` is the HTML page;
+Showing: `timeline` is the course of a run, `arena`, `picture` and `film` draw, and `report_page` is the HTML page;
 `difference_page` is that of two runs.
 """
 
 from eal_actors.recording.arena import draw_world
 from eal_actors.recording.comparison import Difference, PathDeviation, compare_runs, first_difference, path_deviations
 from eal_actors.recording.difference_page import render_difference
+from eal_actors.recording.film import film_run
 from eal_actors.recording.picture import draw_run, draw_trajectory
 from eal_actors.recording.poses import PoseRecorder, PoseSample
 from eal_actors.recording.provenance import keep_provenance, kept_world
@@ -34,6 +35,7 @@ __all__ = [
     "draw_run",
     "draw_trajectory",
     "draw_world",
+    "film_run",
     "first_difference",
     "folder_errors",
     "keep_provenance",

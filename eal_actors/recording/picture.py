@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _Dashes: TypeAlias = str | tuple[int, tuple[int, ...]]
 
 # Okabe and Ito's palette can be distinguished with any colour vision. Each robot has a marker of its own too.
-_COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X")
 _DASHES: Final[tuple[_Dashes, ...]] = ("-", (0, (6, 3)), (0, (1, 2)), (0, (7, 2, 1, 2)), (0, (3, 5)))
 """Line styles with gaps: headings often cover each other."""
@@ -46,7 +46,7 @@ class _RobotStyle(NamedTuple):
     def of(cls, number: int, lost_as: str | None) -> Self:
         """Return the style of the robot with a number."""
         return cls(
-            _COLOURS[number % len(_COLOURS)], _MARKERS[number % len(_MARKERS)], _DASHES[number % len(_DASHES)], lost_as
+            COLOURS[number % len(COLOURS)], _MARKERS[number % len(_MARKERS)], _DASHES[number % len(_DASHES)], lost_as
         )
 
 

@@ -11,7 +11,7 @@ from eal_actors.device.world import WorldModel, load_world
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.lock_step import MAX
-from eal_actors.kernel.strict_model import did_you_mean
+from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.managers.config import EALConfigManager, collect_problems, world_of
 from eal_actors.managers.fleet_model import FleetConfig, RobotSection
 from eal_actors.managers.manifest import simulating_plugin

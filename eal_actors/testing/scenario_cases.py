@@ -14,7 +14,7 @@ import pytest
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.bundled import short_path
 from eal_actors.kernel.errors import ConfigError, EALError
-from eal_actors.kernel.strict_model import did_you_mean
+from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.twins import simulated

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import threading
 import zlib
+from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Final
 from urllib.parse import urlsplit
 
@@ -13,16 +15,21 @@ import numpy as np
 from eal_actors.device.world import OverheadCamera
 from eal_actors.plugin import FleetServices, PluginContext, PluginError
 
+from .arena import Pose2D
 from .models import Make, outline_m
+from .robot import SimRobot
 from .world import SimWorld, world_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from .camera.looking_down import MarkerPlate, OverheadRenderer
+    from .camera.looking_down import Instant, MarkerPlate, OverheadRenderer
 
 PLATE_M: Final = 0.01
 """Height of a marker over the highest part of its robot."""
+_BLUR_STEP_PX: Final = 0.5
+"""Way of a robot from one instant of an exposure to the next."""
+_MOST_INSTANTS: Final = 16
 
 
 class SimulatedOverheadCamera:
@@ -51,16 +58,14 @@ class SimulatedOverheadCamera:
         Returns:
             Blue, green and red, shape (height, width, 3), and seconds of the fleet's clock.
         """
-        from .camera.shared import movers_of
-
         with self._lock:
             renderer = self._renderer or self._start()
             with self._world.caught_up() as now_s:
                 if self._last is not None and self._last[1] == now_s:
                     return self._last
-                movers, plates = movers_of(self._world), self._plates()
+                instants = self._instants()
             seed = (self._seed << 32) + round(now_s * 1e6)
-            self._last = renderer.picture(movers, plates, seed), now_s
+            self._last = renderer.picture(instants, seed), now_s
             return self._last
 
     def _start(self) -> OverheadRenderer:
@@ -75,7 +80,24 @@ class SimulatedOverheadCamera:
         self._renderer = OverheadRenderer(scene_of(self._world), self._camera, on_floor)
         return self._renderer
 
-    def _plates(self) -> list[MarkerPlate]:
+    def _instants(self) -> list[Instant]:
+        """Return what moves, over an exposure whose middle is now. Thread: inside `caught_up`."""
+        from .camera.looking_down import Instant
+        from .camera.shared import movers_of
+
+        camera, world = self._camera, self._world
+        per_m = camera.width / 2 / math.tan(math.radians(camera.fov_deg) / 2) / camera.z_m
+        way_px = max((_way_m(robot) for robot in world.robots if robot.has_place), default=0.0) * per_m
+        way_px *= camera.exposure_s / world.tick_s
+        count = min(math.ceil(way_px / _BLUR_STEP_PX) + 1, _MOST_INSTANTS)
+        found = []
+        for number in range(count):
+            away_s = ((number + 0.5) / count - 0.5) * camera.exposure_s
+            pose_of = partial(_pose_after, ticks=away_s / world.tick_s)
+            found.append(Instant(movers_of(world, pose_of=pose_of), self._plates(pose_of)))
+        return found
+
+    def _plates(self, pose_of: Callable[[SimRobot], Pose2D]) -> list[MarkerPlate]:
         """Return the markers on the robots. Thread: inside `caught_up`."""
         from .camera.looking_down import MarkerPlate
 
@@ -83,10 +105,22 @@ class SimulatedOverheadCamera:
         plates = []
         for robot in self._world.robots:
             if (number := self._services.markers.get(robot.name)) is not None:
-                x_m, y_m, yaw_rad = robot.pose
+                x_m, y_m, yaw_rad = pose_of(robot)
                 height_m = marker_height_m(robot.make)
                 plates.append(MarkerPlate(marks.family, number, marks.size_m, x_m, y_m, height_m, yaw_rad))
         return plates
+
+
+def _pose_after(robot: SimRobot, ticks: float) -> Pose2D:
+    """Return where a robot is some ticks later, or earlier if negative, at the speed of its last tick."""
+    (x0, y0, yaw0), (x1, y1, yaw1) = robot.recent_poses[1:]
+    return x1 + ticks * (x1 - x0), y1 + ticks * (y1 - y0), yaw1 + ticks * (yaw1 - yaw0)
+
+
+def _way_m(robot: SimRobot) -> float:
+    """Return the way of the fastest point of a robot in its last tick."""
+    (x0, y0, yaw0), (x1, y1, yaw1) = robot.recent_poses[1:]
+    return math.hypot(x1 - x0, y1 - y0) + abs(yaw1 - yaw0) * robot.make.radius_m
 
 
 def marker_height_m(make: Make) -> float:

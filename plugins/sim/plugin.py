@@ -57,6 +57,8 @@ class StartSettings(PluginSettingsModel):
 class Settings(PluginSettingsModel):
     """The plugin's settings in the fleet file."""
 
+    synonyms = {"pose": "start", "position": "start", "type": "model", "make": "model"}  # noqa: RUF012
+
     model: MakeName
     """The make of the robot."""
     start: StartSettings | None = None

@@ -54,6 +54,11 @@ def test_the_summary_counts(eal: Any, slides: Path, move: Path) -> None:
     assert lines[2].endswith("ok (world, 8 x 6 m, 5 obstacles, 1 box, 1 beacon, 8 posters, 2 lamps, 3 places)")
 
 
+def told(output: str) -> list[str]:
+    """Return the lines of an output without the excerpts of files."""
+    return [line for line in output.splitlines() if not line.startswith("    ")]
+
+
 def test_problems_are_sorted_and_good_files_are_still_told(eal: Any, write: Any, slides: Path) -> None:
     world = write("b_world.yaml", "version: 1\nname: w\nsize_m: [1, -2]\n")
     fleet = write(
@@ -63,7 +68,7 @@ def test_problems_are_sorted_and_good_files_are_still_told(eal: Any, write: Any,
     nowhere = world.parent / "c.yaml"
     result = eal("check", world, nowhere, fleet, slides)
     assert result.exit_code == 2
-    lines = result.stdout.splitlines()
+    lines = told(result.stdout)
     assert lines[0] == f"{slides}: ok (fleet, 2 robots)"
     assert [line.split(": ")[:2] for line in lines[1:4]] == [
         [f"{fleet}:3:30", "robots.a.plugins.sim.model"],
@@ -124,7 +129,7 @@ def test_a_plugin_that_no_machine_can_import_is_a_problem(eal: Any, slides: Path
         file.write_text(code, encoding="utf-8")
     result = eal("check", slides)
     assert result.exit_code == 2
-    one, two = result.stdout.splitlines()
+    one, two = told(result.stdout)
     assert one.startswith(f"{slides}:5:33: robots.one.plugins.slide: plugin 'slide' {words}")
     assert two.startswith(f"{slides}:6:19: robots.two.plugins.slide: ")
     assert result.stderr == "2 problems in 1 file\n"
@@ -141,13 +146,13 @@ def test_names_are_checked_as_paths_are(eal: Any, write: Any, monkeypatch: pytes
     monkeypatch.chdir(tmp_path)
     done = eal("check", "sim", "search")
     assert done.exit_code == 0
-    told = [line.partition(": ")[0].removeprefix(f"{bundled_path('.')}/") for line in done.stdout.splitlines()]
-    assert told == ["fleets/sim.yaml", "fleets/search.yaml", "scenarios/search.yaml", "fleets/worlds/search.yaml"]
+    files = [line.partition(": ")[0].removeprefix(f"{bundled_path('.')}/") for line in done.stdout.splitlines()]
+    assert files == ["fleets/sim.yaml", "fleets/search.yaml", "scenarios/search.yaml", "fleets/worlds/search.yaml"]
     Path("sim.yaml").write_text("version: 1\nrobots: {}\nnonsense: 1\n")
     assert "sim.yaml:3:1: nonsense" in eal("check", "sim").stdout  # a file of one's own wins
     done = eal("check", "serch")
     assert done.exit_code == 2
-    assert "no file of that name comes with the framework; there are: arena, ceiling, dance, empty" in done.stdout
+    assert "no file of that name comes with the framework; did you mean 'search'?" in done.stdout
 
 
 def test_a_scenario_may_run_a_bundled_one(eal: Any, write: Any) -> None:
@@ -174,13 +179,13 @@ def test_a_scenario_is_checked_against_the_one_fleet(eal: Any, write: Any) -> No
     assert f"{wrong}:3:24: roles.ones.types[0]: " in eal("check", wrong, fleet).stdout
     assert eal("check", wrong, fleet, sim).exit_code == 0  # which of the two it is for is not known
     wrong.write_text(wrong.read_text().replace("[sim]", "[a]"))
-    told = eal("check", wrong, fleet)
-    assert told.exit_code == 2
-    places = dict.fromkeys(line.split(": ")[0] for line in told.stdout.splitlines()[1:])  # q10 and q20 have one place
+    done = eal("check", wrong, fleet)
+    assert done.exit_code == 2
+    places = dict.fromkeys(line.split(": ")[0] for line in told(done.stdout)[1:])  # q10 and q20 have one place
     assert list(places) == [f"{wrong}:8:31", f"{wrong}:10:47"]
 
 
 def test_what_cannot_be_simulated_is_said(eal: Any, slides: Path, move: Path) -> None:
-    told = eal("check", slides, move)
-    assert told.exit_code == 0
-    assert f"warning: {move} on {slides}: the calls were not checked: " in told.stderr
+    done = eal("check", slides, move)
+    assert done.exit_code == 0
+    assert f"warning: {move} on {slides}: the calls were not checked: " in done.stderr

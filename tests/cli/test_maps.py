@@ -37,7 +37,8 @@ robots:
 
 
 def error_of(result: Any) -> str:
-    return " ".join(result.stderr.replace("│", " ").split())
+    """Return the message of an error, which is JSON on stdout with `--json`."""
+    return " ".join((result.stdout + result.stderr).replace("│", " ").split())
 
 
 def test_a_path_between_places(eal: Any, write: Any) -> None:

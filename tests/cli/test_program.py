@@ -87,7 +87,9 @@ def test_every_problem_of_a_file_has_its_line(eal: Any, write: Any) -> None:
     result = eal("resources", "--fleet", fleet)
     assert result.exit_code == ExitCode.BAD_INPUT
     lines = result.stderr.splitlines()
-    assert [line.removeprefix(f"{fleet}:").split(" ")[0] for line in lines[:-1]] == ["2:7:", "4:3:", "4:13:"]
+    places = [line.removeprefix(f"{fleet}:").split(" ")[0] for line in lines[:-1] if line[0] != " "]
+    assert places == ["2:7:", "4:3:", "4:13:"]
+    assert lines[1:3] == ["    seed: x", "          ^"]
     assert lines[-1] == "3 problems; nothing was done."
 
 

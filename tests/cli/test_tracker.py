@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 import yaml
 
 from eal_actors.lab.markers.prints import BoardSize
+from eal_actors.managers.config import EALConfigManager
 from tests.cli.conftest import Program
 from tests.unit.lab.markers.board_pictures import board_picture, pdf_pixels
 
@@ -79,6 +81,93 @@ def test_a_lens_is_found_with_the_camera_of_a_robot(eal: Program, pictures: Path
     found = json.loads(done.stdout)
     assert found["pictures"] == 8
     assert found["focal_px"] == pytest.approx([512, 512], rel=0.02)
+
+
+TRACKED = """\
+version: 1
+name: hall
+robots:
+  eyes:  # under the roof
+    plugins:
+      tracker:
+        cameras:
+          # The one with the wide lens.
+          roof:
+            source: 0
+            lens:
+              size_px: [640, 480]
+              focal_px:  # of the data sheet
+                - 500.0  # along the columns
+                - 500.0
+              centre_px: [319.5, 239.5]
+          side: {source: 1, lens: {size_px: [640, 480], focal_px: [5, 5], centre_px: [0, 0]}}  # a spare
+        markers: [{ids: [1], size_m: 0.1, height_m: 0.1}]
+"""
+
+
+def _lens(file: Path, camera: str) -> dict[str, Any]:
+    settings = EALConfigManager.load(file).robot("eyes").plugins["tracker"].settings
+    return dict(settings["cameras"][camera]["lens"])
+
+
+@pytest.mark.parametrize("camera", ["roof", pytest.param("eyes.side", marks=pytest.mark.slow)])
+def test_a_lens_is_written_into_the_fleet_file_whose_comments_stay(
+    eal: Program, pictures: Path, tmp_path: Path, camera: str
+) -> None:
+    fleet, name = tmp_path / "hall.yaml", camera.removeprefix("eyes.")
+    fleet.write_text(TRACKED, encoding="utf-8")
+    done = eal("calibrate", "camera", pictures, "--write", "--fleet", fleet, "--camera", camera, "--json")
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.stdout)
+    assert found["file"] == str(fleet)
+    assert list(tmp_path.iterdir()) == [fleet]
+    lens = _lens(fleet, name)
+    assert lens["focal_px"] == pytest.approx(found["focal_px"], abs=0.01)
+    assert lens["distortion"] == pytest.approx(found["distortion"], abs=1e-6)
+    text = fleet.read_text(encoding="utf-8")
+    for comment in ("# under the roof", "# The one with the wide lens.", "# of the data sheet", "# along", "# a spare"):
+        assert comment in text
+    other = "side" if name == "roof" else "roof"
+    assert _lens(fleet, other)["focal_px"] == ([5, 5] if other == "side" else [500, 500])
+
+
+@pytest.mark.slow
+def test_a_lens_of_an_included_file_is_written_beside_the_fleet_file(
+    eal: Program, pictures: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "base.yaml").write_text(
+        TRACKED.replace(", lens: {size_px: [640, 480], focal_px: [5, 5], centre_px: [0, 0]}", ""), encoding="utf-8"
+    )
+    fleet = tmp_path / "hall.yaml"
+    fleet.write_text("version: 1\ninclude: [base.yaml]  # ours\n", encoding="utf-8")
+    for name in ("roof", "side"):
+        done = eal("calibrate", "camera", pictures, "--write", "--fleet", fleet, "--camera", name)
+        assert done.exit_code == 0, done.output
+        assert f"The lens is in {tmp_path}/hall-eyes-{name}.lens.yaml" in done.output
+        assert _lens(fleet, name)["focal_px"] == pytest.approx([512, 512], rel=0.01)
+    assert "# ours" in fleet.read_text(encoding="utf-8")
+    assert "focal_px:  # of the data sheet" in (tmp_path / "base.yaml").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "problem"),
+    [
+        ([], "has several cameras: choose one with --camera: eyes.roof, eyes.side"),
+        (["--camera", "roofs"], "has no camera 'roofs'; did you mean 'roof'?"),
+        (["--squares", "6x8", "--camera", "roof"], "at least 8 are needed"),
+    ],
+)
+def test_a_lens_that_cannot_be_written_changes_nothing(
+    eal: Program, pictures: Path, tmp_path: Path, arguments: list[str], problem: str
+) -> None:
+    fleet = tmp_path / "hall.yaml"
+    fleet.write_text(TRACKED, encoding="utf-8")
+    done = eal("calibrate", "camera", pictures, "--write", "--fleet", fleet, *arguments)
+    assert done.exit_code == 2
+    assert problem in " ".join(done.output.split())
+    assert fleet.read_text(encoding="utf-8") == TRACKED
+    done = eal("calibrate", "camera", pictures, "--write")
+    assert (done.exit_code, "--fleet" in done.output) == (2, True)
 
 
 def test_pictures_without_a_board_are_refused(eal: Program, pictures: Path, tmp_path: Path) -> None:

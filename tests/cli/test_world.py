@@ -98,5 +98,7 @@ def test_a_bad_world_is_told_with_its_places(eal: Any, write: Any) -> None:
     assert result.exit_code == 2
     assert result.stderr.splitlines() == [
         f"{file}:4:10: starts[0]: it is outside the room, which reaches from -1 to 1 m in x and from -1 to 1 m in y",
+        "    starts: [{x_m: 3, y_m: 0}]",
+        "             ^",
         "1 problem; nothing was done.",
     ]

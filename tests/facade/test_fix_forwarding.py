@@ -104,6 +104,28 @@ def test_a_tracker_tells_a_driver_whose_start_is_unknown_where_it_is(tmp_path: P
         assert yaw_deg < 1.0
 
 
+@pytest.mark.parametrize("silent_after_s", [None, 0.0])
+def test_a_robot_that_does_not_know_where_it_is_waits_for_its_first_fix(
+    tmp_path: Path, silent_after_s: float | None
+) -> None:
+    """It is sent at once; without a fix, it would be taken for one at the map's origin, where the other one stands."""
+    robots = {
+        "driver": {"plugins": {"evbot3": {"address": "sim://world/body"}}},
+        "body": {**sim("evbot3", 1.0, 0.5, 120.0, calibrated=True), "pose": {}},
+        "other": {**sim("roomba", 0.0, 0.0), "pose": {}},
+    }
+    options: dict[str, Any] = {} if silent_after_s is None else {"silent_after_s": silent_after_s}
+    with tracked_fleet(tmp_path, robots, markers={"body": 1}, **options) as fleet:
+        journey = fleet.go_to({"driver": (1.3, 0.5)})
+        if silent_after_s is None:
+            journey.get()
+            assert math.dist(true_pose(fleet["body"])[:2], (1.3, 0.5)) < 0.02
+        else:
+            with pytest.raises(LocalizationError, match="its place is unknown: no fix came within 10 s"):
+                journey.get()
+            assert math.dist(true_pose(fleet["body"])[:2], (1.0, 0.5)) < 0.001
+
+
 def test_a_driver_and_the_simulation_of_its_body_in_one_robot_each_estimate() -> None:
     plugins = {"sim": {"model": "evbot3", "start": {"x_m": 1.0, "y_m": 0.0}}, "evbot3": {"address": "sim://world"}}
     config = EALConfigManager.of({"version": 1, "clock": {"rate": "max"}, "robots": {"both": {"plugins": plugins}}})

@@ -194,7 +194,7 @@ def test_the_demo_runs_from_any_folder_by_name(installed: Installed) -> None:
 def test_an_unknown_name_is_told_what_there_is(installed: Installed) -> None:
     said = installed.run("eal", "run", "dance", "--fleet", "sims", code=2).stderr
 
-    assert "no fleet of that name comes with the framework; there are: arena, ceiling, formation, lab, " in said
+    assert "no fleet of that name comes with the framework; did you mean 'sim'?" in said
 
 
 def test_a_calibration_is_not_written_beside_what_was_installed(installed: Installed) -> None:

@@ -96,6 +96,7 @@ class RouteController:
         self._route = route
         self._yaw_rad = yaw_rad
         self._limits = limits
+        self._sharpest = limits.turn_acceleration_rad_s2 / limits.acceleration_m_s2  # at it, one wheel stands
         self._twist = STANDSTILL
         self._rolling_m_s = 0.0
         self._is_at_end = False
@@ -132,7 +133,7 @@ class RouteController:
         gain_m_s, gain_rad_s = (
             limit * duration_s for limit in (self._limits.acceleration_m_s2, self._limits.turn_acceleration_rad_s2)
         )
-        self._rolling_m_s = max(abs(self._twist.speed_m_s), self._rolling_m_s - gain_m_s)
+        self._rolling_m_s = max(self._wheel_m_s(), self._rolling_m_s - gain_m_s)
         if not twist.speed_m_s and self._rolling_m_s > gain_m_s:
             twist = STANDSTILL  # a wheel that brakes for a turn lags behind, and the robot drives on: it stops first
         self._twist = PlanarTwist(
@@ -140,6 +141,11 @@ class RouteController:
             _gained(self._twist.turn_rate_rad_s, twist.turn_rate_rad_s, gain_rad_s),
         )
         return self._twist
+
+    def _wheel_m_s(self) -> float:
+        """Return the speed of the faster wheel while it drives; 0 while it turns in place."""
+        speed_m_s, rate_rad_s = self._twist
+        return abs(speed_m_s) + abs(rate_rad_s) / self._sharpest if speed_m_s else 0.0
 
     def pause(self) -> PlanarTwist:
         """Stand for a step; return the twist."""
@@ -185,6 +191,8 @@ class RouteController:
         speed_m_s = min(self._limits.speed_m_s, self._braking_m_s(to_stop_m))
         is_straight = is_last and distance_m < _STRAIGHT_M and abs(bearing_rad) < _STRAIGHT_RAD
         bend = 0.0 if is_straight else 2 * math.sin(bearing_rad) / max(distance_m, _STRAIGHT_M)
+        # Wheels brake one by one: with one that turns backwards, the robot would roll on past its end.
+        bend = max(-self._sharpest, min(bend, self._sharpest))
         if abs(bend) * speed_m_s > self._limits.turn_rate_rad_s:
             speed_m_s = self._limits.turn_rate_rad_s / abs(bend)
         return PlanarTwist(sense * speed_m_s, speed_m_s * bend)

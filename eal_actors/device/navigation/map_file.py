@@ -16,7 +16,8 @@ from pydantic import BeforeValidator, Field, PositiveFloat, ValidationError, mod
 
 from eal_actors.device.navigation.grid import FREE, MAX_CELLS, OCCUPIED, UNKNOWN, GridOrigin, OccupancyGrid
 from eal_actors.kernel.errors import ConfigError, Problem, UnsupportedError
-from eal_actors.kernel.strict_model import StrictModel, did_you_mean, problems_from
+from eal_actors.kernel.strict_model import StrictModel, problems_from
+from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_source import load_yaml
 from eal_actors.kernel.yaml_tree import YamlTree, show
 

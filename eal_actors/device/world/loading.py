@@ -24,7 +24,8 @@ from eal_actors.device.world.model import (
 )
 from eal_actors.kernel.bundled import find_file
 from eal_actors.kernel.errors import ConfigError
-from eal_actors.kernel.strict_model import did_you_mean, problems_from
+from eal_actors.kernel.strict_model import problems_from
+from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_source import load_yaml
 from eal_actors.kernel.yaml_tree import YamlPath
 

@@ -58,3 +58,5 @@ class OverheadCamera(StrictModel):
     """Standard deviation of the noise of every colour value, in grey levels."""
     blur_px: NonNegativeFloat = Field(default=0.6, le=10)
     """Standard deviation of the blur."""
+    exposure_s: float = Field(default=0.0, ge=0, le=0.2)
+    """Length of an exposure: a robot that moves is blurred along its way."""

@@ -5,16 +5,25 @@ from __future__ import annotations
 from collections.abc import Container, Mapping
 from typing import Final
 
+from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.robot_view import RobotState
+from eal_actors.device.localization.pose_estimate import PoseEstimate
 from eal_actors.device.navigation.traffic.lattice import Point
 from eal_actors.kernel.clock import Clock
-from eal_actors.kernel.errors import EALError
+from eal_actors.kernel.errors import EALError, LocalizationError
 from eal_actors.kernel.log import get_logger
 
 DEFAULT_RADIUS_M: Final = 0.2
 """Of a robot whose base does not tell its own."""
 _READ_TIMEOUT_S: Final = 3.0
+_LOST_M: Final = 3.0
+"""A robot with a greater standard deviation of its position has had no fix yet."""
+_FIRST_FIX_S: Final = 10.0
+_FIRST_FIX_LOOK_S: Final = 0.2
+_LOST: Final = (
+    f"its place is unknown: no fix came within {_FIRST_FIX_S:g} s; bring it into view of its tracker, or set its Pose"
+)
 
 
 class RobotPositions:
@@ -38,18 +47,19 @@ class RobotPositions:
     def read(self, travelling: Container[str], clock: Clock) -> dict[str, EALError]:
         """Ask all robots; return the errors of those that travel and whose pose is unknown.
 
-        Of others that do not answer, the last known place counts.
+        Of others that do not answer, the last known place counts. A robot that has just started and does not know where
+        it is waits for its first fix.
 
         Thread: blocks the caller for some seconds of the clock at most.
         """
         timeout_s = clock.of_real(_READ_TIMEOUT_S)
         robots = {name: robot for name, robot in self._robots.items() if "Base" in robot and "Pose" in robot}
-        poses = {name: robot.pose.get(timeout_s=timeout_s) for name, robot in robots.items()}
+        poses, lost = _poses(robots, travelling, clock, timeout_s)
         self._read_radii(robots, timeout_s)
         self.known = []
         errors: dict[str, EALError] = {}
         for name, pose in poses.items():
-            error = pose.exception()
+            error: BaseException | None = LocalizationError(_LOST, robot=name) if name in lost else pose.exception()
             if error is None:
                 self.known.append(name)
                 self.places[name] = ((pose.get().x_m, pose.get().y_m),)
@@ -63,6 +73,24 @@ class RobotPositions:
         for name, robot in robots.items():
             if name not in self.radii_m:
                 self.radii_m[name] = radius_m_of(robot, timeout_s=timeout_s)
+
+
+def _poses(
+    robots: Mapping[str, RobotHandle], travelling: Container[str], clock: Clock, timeout_s: float
+) -> tuple[dict[str, Future[PoseEstimate]], list[str]]:
+    """Return the poses of robots, and those that travel without knowing where they are, after a wait for fixes."""
+    end_s = clock.now() + _FIRST_FIX_S
+    while True:
+        poses = {name: robot.pose.get(timeout_s=timeout_s) for name, robot in robots.items()}
+        lost = [name for name, pose in poses.items() if name in travelling and _is_lost(pose)]
+        if not lost or clock.now() >= end_s:
+            return poses, lost
+        clock.sleep(_FIRST_FIX_LOOK_S)
+
+
+def _is_lost(pose: Future[PoseEstimate]) -> bool:
+    """Return whether a robot answers, but does not know where it is. Thread: blocks the caller until it answers."""
+    return pose.exception() is None and pose.get().position_std_m > _LOST_M
 
 
 def radius_m_of(robot: RobotHandle, *, timeout_s: float | None = None) -> float:

@@ -9,7 +9,7 @@ from decimal import Decimal, InvalidOperation
 from typing import Any
 
 from eal_actors.kernel.errors import ConfigError, Problem
-from eal_actors.kernel.strict_model import did_you_mean
+from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.scenario import Scenario
 from eal_actors.scenario.language.parameters import parameter_problem, read_settings
 from eal_actors.scenario.language.scenario import ParameterSection

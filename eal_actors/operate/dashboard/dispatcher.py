@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Final, TypeAlias
 
 from eal_actors.actors.combine import gather
@@ -18,6 +18,7 @@ from eal_actors.operate.dashboard.fleet_poller import infos_of
 from eal_actors.operate.dashboard.journeys import Journeys
 from eal_actors.operate.dashboard.messages import (
     CallResource,
+    CommandRobots,
     ControlRun,
     Describe,
     DriveRobot,
@@ -82,6 +83,8 @@ class Dispatcher:
                 return {"scenarios": self._runs.list_scenarios()}
             case CallResource():
                 self._call(message, browser, reply)
+            case CommandRobots():
+                self._command(message, browser, reply)
             case SendRobot():
                 self._send(message, browser, reply)
             case StopAll():
@@ -135,23 +138,57 @@ class Dispatcher:
         self._reply_for_all(number, answers, reply)
 
     def _reply_for_all(self, number: int, answers: dict[str, Future[None]], reply: Reply) -> None:
-        """Reply when every robot has confirmed or failed."""
+        """Reply when every robot has confirmed a stop or its end, or failed."""
 
         def on_done(done: Future[list[Any]]) -> None:
-            outcomes = dict(zip(answers, done.get(), strict=True))
-            failed = {
-                name: outcome.message if isinstance(outcome, EALError) else error_text(outcome)
-                for name, outcome in outcomes.items()
-                if isinstance(outcome, BaseException)
-            }
-            for name, reason in failed.items():
+            answer = _answer_for_all(number, dict(zip(answers, done.get(), strict=True)))
+            for name, reason in answer["failed"].items():
                 get_logger(robot=name).warning(
                     "did not confirm", reason=reason
                 )  # no error of the robot that would stay
-            confirmed = [name for name in outcomes if name not in failed]
-            reply({"id": number, "ok": not failed, "confirmed": confirmed, "failed": failed})
+            reply(answer)
 
         gather(answers.values(), return_exceptions=True).add_done_callback(on_done)
+
+    # Commands to several robots.
+
+    def _command(self, message: CommandRobots, browser: str, reply: Reply) -> None:
+        """Send a command to each robot, and reply when all have ended; robots that do not know it fail at once."""
+        outcomes: dict[str, Any] = {}
+        for name in message.robots:
+            try:
+                outcomes[name] = self._start_command(name, message, browser)
+            except EALError as error:
+                outcomes[name] = error
+                self._record(name, f"{message.resource} {message.text}", error)
+        running = {name: outcome for name, outcome in outcomes.items() if isinstance(outcome, Future)}
+
+        def on_done(done: Future[list[Any]]) -> None:
+            reply(_answer_for_all(message.id, {**outcomes, **dict(zip(running, done.get(), strict=True))}))
+
+        gather(running.values(), return_exceptions=True).add_done_callback(on_done)
+
+    def _start_command(self, name: str, message: CommandRobots, browser: str) -> Future[Any]:
+        if name not in self._fleet:
+            raise RobotNotFoundError(f"there is no robot {name!r}")
+        robot = self._fleet[name]
+        if not message.resource:
+            return robot.halt()
+        value = list(message.value) if isinstance(message.value, tuple) else message.value
+        resource = robot[message.resource]
+        self._control.acquire(name, message.resource, browser)
+
+        def on_done(done: Future[Any]) -> None:
+            self._control.done(name, message.resource)
+            self._record(name, f"{message.resource} {message.text}", done.exception())
+
+        try:
+            answer = resource.send_cmd(message.text, value)
+        except EALError:
+            self._control.done(name, message.resource)
+            raise
+        answer.add_done_callback(on_done)
+        return answer
 
     # Calls.
 
@@ -193,6 +230,17 @@ class Dispatcher:
             on_end(error)
             raise
         answer.add_done_callback(on_done)
+
+
+def _answer_for_all(number: int, outcomes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the answer to a request to several robots, given each one's value or error."""
+    failed = {
+        name: outcome.message if isinstance(outcome, EALError) else error_text(outcome)
+        for name, outcome in outcomes.items()
+        if isinstance(outcome, BaseException)
+    }
+    confirmed = [name for name in outcomes if name not in failed]
+    return {"id": number, "ok": not failed, "confirmed": confirmed, "failed": failed}
 
 
 def _start_call(resource: ResourceHandle, message: CallResource) -> Future[Any]:

@@ -22,6 +22,7 @@ from eal_actors.kernel.clock import REAL_TIME, new_waiter, wall_time
 from eal_actors.kernel.errors import EALError
 from eal_actors.kernel.log import get_logger
 from eal_actors.operate.dashboard.control import ControlRegistry, DashboardContext
+from eal_actors.operate.dashboard.robot_shape import RobotShape
 from eal_actors.operate.dashboard.state_store import CurrentSteps
 from eal_actors.operate.dashboard.teleop import DRIVE_RESOURCE, takes_twist
 
@@ -141,6 +142,7 @@ class _RobotPoller:
         self._spread_m2: list[float] | None = None
         self._answer: Ping | None = None
         self._seen: str | None = None
+        self._shape = RobotShape(robot)
         self._description: dict[str, Any] = {}
         self._described: object = None
         self._form: object = None
@@ -159,6 +161,7 @@ class _RobotPoller:
         infos = dict(infos_of(robot))
         pose = next((name for name in POSE_RESOURCES if name in robot and name not in not_ready), None)
         self._pose_resource = robot[pose] if pose is not None else None
+        self._shape.describe(infos)
         base, estimate = infos.get(DRIVE_RESOURCE), infos.get(POSE_RESOURCES[0])
         self._has_estimate = estimate is not None and any(one.name == "estimate" for one in estimate.requests)
         self._description = {
@@ -225,6 +228,7 @@ class _RobotPoller:
             self._estimate = robot.pose.get()
         if self._ping is None:
             self._ping = robot.ping()
+        self._shape.ask()
 
     def _take_answers(self) -> None:
         if self._battery is not None and self._battery.done():
@@ -263,6 +267,7 @@ class _RobotPoller:
         warnings = () if answer is None else answer.warnings
         return {
             **self._description,
+            **self._shape.to_dict(),
             **self._steps.of(robot.name),
             "state": robot.state.value,
             "stopped": robot.stopped_because,

@@ -87,6 +87,16 @@ class CallResource(_AnsweredMessage):
     value: CallValue = None
 
 
+class CommandRobots(_AnsweredMessage):
+    """Send a command to several robots, or halt them: the text `halt` without a resource."""
+
+    do: Literal["command"]
+    robots: Annotated[tuple[Word, ...], Field(strict=False, min_length=1, max_length=1000)]
+    resource: Word
+    text: Word
+    value: CallValue = None
+
+
 FloorNumber = Annotated[float, Field(ge=-1e6, le=1e6)]
 FloorCorner = Annotated[tuple[FloorNumber, FloorNumber], Field(strict=False)]
 DrawnZone = Annotated[tuple[FloorCorner, ...], Field(strict=False, min_length=3, max_length=100)]
@@ -144,6 +154,7 @@ Message = Annotated[
     | Describe
     | ListScenarios
     | CallResource
+    | CommandRobots
     | SendRobot
     | StopAll
     | ResumeAll
@@ -154,7 +165,7 @@ Message = Annotated[
 ]
 
 _ROLES: Final[Mapping[type, Role]] = {
-    **dict.fromkeys((CallResource, SendRobot, StopAll, ResumeAll, DriveRobot, ReleaseRobot), Role.DRIVE),
+    **dict.fromkeys((CallResource, CommandRobots, SendRobot, StopAll, ResumeAll, DriveRobot, ReleaseRobot), Role.DRIVE),
     **dict.fromkeys((StartRun, ControlRun), Role.RUN),
     ReloadFleet: Role.ADMINISTER,
 }

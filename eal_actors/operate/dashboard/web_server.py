@@ -16,6 +16,8 @@ import uvicorn
 from starlette.types import ASGIApp
 from typing_extensions import override
 from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+from websockets.protocol import State
 
 from eal_actors.kernel.errors import ConfigError, Problem, UnavailableError, error_text
 from eal_actors.kernel.log import get_logger
@@ -29,6 +31,7 @@ _START_S: Final = 10.0
 _PING_S: Final = 5.0
 _ACCEPT_AGAIN_S: Final = 0.1
 _BACKLOG: Final = 512
+_ENDING: Final = (State.CLOSING, State.CLOSED)
 _HEADER_BYTES: Final = 16 * 1024
 _SEND_BUFFER_BYTES: Final = 256 * 1024
 """The system's buffer for a browser that does not read. A small buffer holds fewer outdated updates."""
@@ -145,8 +148,16 @@ class _Server(uvicorn.Server):
         self._notifier.attach(None)
         for task in (*self._tasks, *self._opening):
             task.cancel()
+        self._abort_closing()
         asyncio.get_running_loop().call_later(_GRACE_S, self._abort_rest)
         await super().shutdown(sockets)
+
+    def _abort_closing(self) -> None:
+        """End websockets that are just being closed: uvicorn's own shutdown raises for them, and leaves the others."""
+        for connection in list(self.server_state.connections):
+            if isinstance(connection, WebSocketsSansIOProtocol) and connection.conn.state in _ENDING:
+                connection.transport.abort()
+                self.server_state.connections.discard(connection)
 
     def _abort_rest(self) -> None:
         for connection in list(self.server_state.connections):

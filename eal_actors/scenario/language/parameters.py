@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from eal_actors.device.data.texts import range_text
 from eal_actors.kernel.errors import ConfigError, Problem
-from eal_actors.kernel.strict_model import did_you_mean
+from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_tree import YamlTree, show
 from eal_actors.scenario.language.expressions import parse_template
 from eal_actors.scenario.language.scenario import ParameterSection, Scenario, ScenarioFile

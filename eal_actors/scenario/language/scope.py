@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 from eal_actors.kernel.errors import EALError, Problem
-from eal_actors.kernel.strict_model import did_you_mean
+from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.language.expressions import (
     MAX_WORK,

@@ -12,7 +12,7 @@ from typing import Any, Final, TypeAlias
 
 from eal_actors.device.data import DataType, EALData, ValueInfo
 from eal_actors.kernel.errors import ScenarioError
-from eal_actors.kernel.strict_model import did_you_mean
+from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.scenario.report.records import as_json
 
 SUFFIXES: Final = (".csv", ".json", ".npy", ".png", ".txt")

@@ -10,7 +10,8 @@ from typing_extensions import override
 from eal_actors.facade.traffic.formations import formation_goals
 from eal_actors.facade.traffic.travelling import JOURNEY_TIMEOUT_S
 from eal_actors.kernel.errors import EALError
-from eal_actors.kernel.strict_model import Name, StrictModel, did_you_mean
+from eal_actors.kernel.strict_model import Name, StrictModel
+from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.engine.executor import StepAction
 from eal_actors.scenario.engine.loop import Coroutine

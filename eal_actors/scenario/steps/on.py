@@ -9,7 +9,8 @@ from functools import partial
 from typing_extensions import override
 
 from eal_actors.kernel.errors import Problem
-from eal_actors.kernel.strict_model import Name, did_you_mean
+from eal_actors.kernel.strict_model import Name
+from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.executor import perform_steps, perform_within

@@ -22,7 +22,8 @@ from eal_actors.actors.handles import RobotHandle
 from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import EALError, Problem, ScenarioError, error_text
 from eal_actors.kernel.log import get_logger
-from eal_actors.kernel.strict_model import NAMES_ONLY, did_you_mean
+from eal_actors.kernel.strict_model import NAMES_ONLY
+from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.scenario.engine.executor import StepAction
 from eal_actors.scenario.engine.loop import Coroutine, EventLoop

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Union
 
 from pydantic import BeforeValidator, Discriminator, Tag
 
-from eal_actors.kernel.strict_model import did_you_mean
+from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.scenario import steps
 from eal_actors.scenario.steps.base import Step
 

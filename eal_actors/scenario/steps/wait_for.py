@@ -8,7 +8,8 @@ from typing import Any
 from typing_extensions import override
 
 from eal_actors.kernel.errors import DeadlineError
-from eal_actors.kernel.strict_model import Name, did_you_mean
+from eal_actors.kernel.strict_model import Name
+from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.engine.executor import StepAction
 from eal_actors.scenario.engine.loop import Coroutine

@@ -3,7 +3,7 @@
 Every sample of a picture is a ray. A ray descends, so it meets the highest surface first: a buffer of heights decides
 which surface is visible. The room and its fixed things are drawn once; for each picture, only the surroundings of
 robots and boxes are drawn again. Each pixel is the mean of `SAMPLES` x `SAMPLES` samples, so that edges are placed to a
-fraction of a pixel.
+fraction of a pixel. A long exposure is the mean of several instants.
 """
 
 from __future__ import annotations
@@ -69,6 +69,19 @@ class MarkerPlate:
         """Side of the plate."""
         cells = FAMILIES[self.family].cells
         return self.size_m * (cells + 2 * _BORDER) / cells
+
+
+@dataclass(frozen=True)
+class Instant:
+    """The moving things at one instant.
+
+    Attributes:
+        movers: the robots and boxes.
+        plates: the markers on robots.
+    """
+
+    movers: Sequence[Mover]
+    plates: Sequence[MarkerPlate]
 
 
 @cache
@@ -167,20 +180,35 @@ class OverheadRenderer:
         )
         self._noise = np.rint(noise).astype(np.int16)
 
-    def picture(self, movers: Sequence[Mover], plates: Sequence[MarkerPlate], seed: int) -> NDArray[np.uint8]:
+    def picture(self, instants: Sequence[Instant], seed: int) -> NDArray[np.uint8]:
         """Return the picture, (height, width, 3): blue, green and red, rows from the top.
 
         Args:
-            movers: the robots and boxes.
-            plates: the markers on robots.
+            instants: what moves, at equal distances of time over the exposure; the picture is their mean.
             seed: of the noise.
         """
+        image = self._sharp(instants[0])
+        if len(instants) > 1:
+            total = image.astype(np.uint16)
+            for instant in instants[1:]:
+                total += self._sharp(instant)
+            image = ((total + len(instants) // 2) // len(instants)).astype(np.uint8)
+        if self._camera.blur_px:
+            image = np.asarray(cv2.GaussianBlur(image, (0, 0), self._camera.blur_px), np.uint8)
+        if self._camera.noise:
+            top, left = np.random.default_rng(seed).integers(_NOISE_SPARE_PX, size=2)
+            height, width = image.shape[:2]
+            image = cv2.add(image, self._noise[top : top + height, left : left + width], dtype=cv2.CV_8U)  # type: ignore[assignment]
+        return image
+
+    def _sharp(self, instant: Instant) -> NDArray[np.uint8]:
+        """Return the picture of one instant, without blur and noise."""
         image = self._still.copy()
-        solids, _ = self._scene.placed(movers)
+        solids, _ = self._scene.placed(instant.movers)
         drawn: list[Window] = []
         for solid in solids:
             drawn += self._draw_tower(solid) if isinstance(solid, Tower) else self._draw_block(solid)
-        for plate in plates:
+        for plate in instant.plates:
             drawn += self._draw_plate(plate)
         for rows, columns in drawn:
             pixels = (
@@ -190,12 +218,6 @@ class OverheadRenderer:
             image[pixels] = _averaged(self._colours[rows, columns])
         for window in drawn:
             self._colours[window], self._heights[window] = self._still_colours[window], self._still_heights[window]
-        if self._camera.blur_px:
-            image = np.asarray(cv2.GaussianBlur(image, (0, 0), self._camera.blur_px), np.uint8)
-        if self._camera.noise:
-            top, left = np.random.default_rng(seed).integers(_NOISE_SPARE_PX, size=2)
-            height, width = image.shape[:2]
-            image = cv2.add(image, self._noise[top : top + height, left : left + width], dtype=cv2.CV_8U)  # type: ignore[assignment]
         return image
 
     def _draw_room(self) -> None:

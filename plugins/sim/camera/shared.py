@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
+from operator import attrgetter
 from typing import Final
 from weakref import WeakKeyDictionary
 
+from ..arena import Pose2D
 from ..robot import SimRobot
 from ..world import SimWorld
 from .movers import BoxAt, Mover, RobotAppearance, RobotAt
@@ -24,12 +27,14 @@ def scene_of(world: SimWorld) -> Scene:
         return scene
 
 
-def movers_of(world: SimWorld, viewer: SimRobot | None = None) -> list[Mover]:
+def movers_of(
+    world: SimWorld, viewer: SimRobot | None = None, pose_of: Callable[[SimRobot], Pose2D] = attrgetter("pose")
+) -> list[Mover]:
     """Return the boxes and the robots at their poses, without the viewer. Thread: inside `caught_up`."""
     movers: list[Mover] = [BoxAt(number, *box.pose) for number, box in enumerate(world.boxes)]
     for robot in world.robots:
         if robot is not viewer:
             make = robot.make
             look = RobotAppearance(make.radius_m, make.height_m, make.body_colour, make.camera_height_m)
-            movers.append(RobotAt(look, *robot.pose, robot.turret_yaw_rad))
+            movers.append(RobotAt(look, *pose_of(robot), robot.turret_yaw_rad))
     return movers

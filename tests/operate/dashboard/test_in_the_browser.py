@@ -29,7 +29,7 @@ from tests.operate.dashboard.rig import ROOT, SIM, open_dashboard, resource_of, 
 from tests.operate.dashboard.test_command import started
 
 OpenPage = Callable[..., AbstractContextManager[Page]]
-VIEWS = ("fleet", "map", "cameras", "scenario", "logs", "robot/one")
+VIEWS = ("mission", "fleet", "map", "cameras", "scenario", "logs", "robot/one")
 NOTE_PRESSES = "addEventListener('keydown', (event) => { window.pressedMs = Date.now(); }, { capture: true })"
 POSES = "import('/static/store.js').then((module) => JSON.stringify(module.store.poses))"
 
@@ -81,7 +81,7 @@ def test_the_page_starts_shows_and_stops_the_dance(open_page: OpenPage, tmp_path
 def test_a_running_command_shows_its_progress_and_controller(
     open_page: OpenPage, fleet: Fleet, dashboard: Dashboard
 ) -> None:
-    with open_page(dashboard.link + "#/robot/one") as page, open_page(dashboard.link) as other:
+    with open_page(dashboard.link + "#/robot/one") as page, open_page(dashboard.link + "#/fleet") as other:
         far = page.locator("form", has=page.locator("code", has_text=re.compile("^far$")))
         far.get_by_role("button").click()
         expect(page.locator("main")).to_contain_text("▶ far, 25 % a quarter")
@@ -154,7 +154,7 @@ def test_an_unplugged_robot_is_shown_as_lost_and_comes_back(open_page: OpenPage,
         plugged.enter_context(RobotService(config, "roomba-1"))
         fleet = stack.enter_context(Fleet(config).connect(list(robots)))
         dashboard = stack.enter_context(open_dashboard(fleet))
-        page = stack.enter_context(open_page(dashboard.link))
+        page = stack.enter_context(open_page(dashboard.link + "#/fleet"))
         row, other = (page.locator(f"tr[data-robot='{name}']") for name in ("roomba-1", "evbot2-1"))
         expect(row).to_contain_text("ready")
         expect(row).to_contain_text(re.compile(r"\d ms"))
@@ -188,8 +188,8 @@ def test_two_browsers_see_one_fleet_and_either_may_resume(
     open_page: OpenPage, fleet: Fleet, dashboard: Dashboard
 ) -> None:
     with (
-        open_page(dashboard.link) as first,
-        open_page(dashboard.link, viewport={"width": 375, "height": 740}) as second,
+        open_page(dashboard.link + "#/fleet") as first,
+        open_page(dashboard.link + "#/fleet", viewport={"width": 375, "height": 740}) as second,
     ):
         connected(second)
         connected(first)
@@ -211,7 +211,7 @@ def test_the_banner_names_the_robots_that_have_not_confirmed_the_stop(open_page:
     with (
         served(rig) as (running, fleet),
         open_dashboard(fleet) as dashboard,
-        open_page(dashboard.link) as page,
+        open_page(dashboard.link + "#/fleet") as page,
     ):
         connected(page)
         banner, frozen = page.locator("#stopped"), page.locator("tr[data-robot='r3']")
@@ -246,7 +246,7 @@ def test_a_page_without_a_server_is_dimmed_and_says_when_it_was_seen(open_page: 
 
 
 def test_stop_is_the_first_in_the_order_of_the_tab_key(open_page: OpenPage, dashboard: Dashboard) -> None:
-    with open_page(dashboard.link) as page:
+    with open_page(dashboard.link + "#/fleet") as page:
         connected(page)
         page.keyboard.press("Tab")
         expect(page.locator("#stop")).to_be_focused()
@@ -261,7 +261,7 @@ def test_a_wrong_token_may_watch_and_the_right_one_may_command(open_page: OpenPa
         with open_page(f"{dashboard.url}#token=wrong") as page:
             expect(page.locator("#permission")).to_contain_text("read only: wrong token")
             assert "token" not in page.url
-            expect(page.locator("tr[data-robot='one']")).to_contain_text("ready")
+            expect(page.locator("[data-robot='one']")).to_contain_text("ready")
             expect(page.locator("#stop")).to_have_attribute("aria-disabled", "true")
             page.keyboard.press("Escape")
             expect(page.locator("#notices")).to_contain_text("STOP was not sent")

@@ -53,7 +53,7 @@ def test_a_reader_cannot_reload(fleet: Fleet) -> None:
 
 
 def test_the_button_in_the_browser(fleet: Fleet, tmp_path: Path, open_page: Callable[..., Any]) -> None:
-    with open_dashboard(fleet) as dashboard, open_page(dashboard.link) as page:
+    with open_dashboard(fleet) as dashboard, open_page(dashboard.link + "#/fleet") as page:
         page.set_default_timeout(WAIT_S * 1000)
         page.goto(f"{dashboard.link}#/fleet")
         page.wait_for_selector("tr[data-robot=two]")

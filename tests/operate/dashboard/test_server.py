@@ -100,6 +100,17 @@ def test_close_waits_for_no_browser(tmp_path: Path) -> None:
         dashboard.close()
 
 
+def test_close_does_not_stumble_over_a_browser_that_is_just_leaving(tmp_path: Path) -> None:
+    with counting_fleet(tmp_path, "one").connect() as fleet:
+        dashboard = open_dashboard(fleet).start()
+        with deaf_browser(dashboard) as leaving, deaf_browser(dashboard), page_of(dashboard) as page:
+            flood(dashboard)
+            leaving.sendall(b"\x88\x80\0\0\0\0")  # an empty close frame; the flood is before its answer
+            for _ in range(3):  # by then the server has read it
+                assert page.ask(do="describe", robot="one")["ok"]
+            dashboard.close()  # the thread of the web server must end without an exception, which fails the test
+
+
 def test_the_same_port_can_be_used_again_at_once(tmp_path: Path) -> None:
     with counting_fleet(tmp_path, "one").connect() as fleet:
         with open_dashboard(fleet) as first, deaf_browser(first):

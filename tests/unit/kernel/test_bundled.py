@@ -55,7 +55,13 @@ def test_a_folder_of_that_name_is_no_file(here: Path) -> None:
     assert find_file("sim", "fleet") == bundled_path("fleets/sim.yaml")
 
 
-@pytest.mark.parametrize("name", ["dancce", "..", "dan*"])
+@pytest.mark.parametrize("name", ["dancce", "dnace"])
+def test_an_unknown_name_is_told_the_nearest(name: str) -> None:
+    with pytest.raises(ConfigError, match=r"comes with the framework; did you mean 'dance'\?"):
+        find_file(name, "scenario")
+
+
+@pytest.mark.parametrize("name", ["..", "zz*"])
 def test_an_unknown_name_is_told_what_there_is(name: str) -> None:
     with pytest.raises(ConfigError) as caught:
         find_file(name, "scenario")
@@ -103,5 +109,5 @@ def test_a_world_beside_the_fleet_file_goes_before_the_shipped_one(here: Path) -
 def test_a_fleet_file_that_names_no_world_there_is_says_so(here: Path) -> None:
     (here / "mine.yaml").write_text(FLEET.format(world="hal"))
 
-    with pytest.raises(ConfigError, match=r"mine.yaml:3:8: world: no such file, .*: arena, empty, field, hall, "):
+    with pytest.raises(ConfigError, match=r"mine.yaml:3:8: world: no such file, .*; did you mean 'hall'\?"):
         EALConfigManager.load("mine")

@@ -15,9 +15,9 @@ from eal_actors.kernel.yaml_source import load_yaml, parse_yaml, plain_value
 from eal_actors.kernel.yaml_tree import Mark, MarkedDict, MarkedList, YamlTree, format_path, merge, replace_text
 
 NO_TAGS = " is not supported; leave it out, and put text in quotes"
-UNCLOSED_LIST = "not valid YAML: expected ',' or ']', but got '<stream end>', while parsing a flow sequence from line 1"
+UNCLOSED_LIST = "a ']' is missing at the end of the list that begins in line 1"
 BARE_REFERENCE = (
-    "not valid YAML: expected ',' or '}', but got '{', while parsing a flow mapping from line 1; "
+    "a ',' or '}' is missing in the mapping that begins in line 1; "
     "inside [...] and {...} a ${NAME} must stand in quotes, or write the value on a line of its own"
 )
 
@@ -108,7 +108,24 @@ def test_a_quoted_scalar_is_text(text: str) -> None:
         ("a: *nowhere", "f.yaml:1:4: not valid YAML: found undefined alias 'nowhere'"),
         ("a: 1\n---\nb: 2", "f.yaml:2:1: a second document starts here; one file holds one document"),
         ("a:\n\tb: 1", "f.yaml:2:1: YAML does not allow a tab here; use spaces"),
-        ("a: b: c", "f.yaml:1:5: not valid YAML: mapping values are not allowed here"),
+        ("a: b: c", "f.yaml:1:5: a second ': ' in one line: put the value in quotes, or begin a new line"),
+        ("a: 1\nb 2\nc: 3", "f.yaml:2:2: a ':' is missing after 'b'"),
+        ("a: 1\nb\n  c: 3", "f.yaml:2:2: a ':' is missing after 'b'"),
+        (
+            "a: x\n  b: 2",
+            "f.yaml:2:3: the line is indented below 'a', which has a value already: begin it in column 1",
+        ),
+        ("a:\n  b: 1\n c: 2", "f.yaml:3:2: the indentation fits no line above: begin the line in column 1 or 3"),
+        ("a:\n    b: 1\n   c: 2", "f.yaml:3:4: the indentation fits no line above: begin the line in column 1 or 5"),
+        ("a:\n  - 1\n  b: 2", "f.yaml:3:3: a key stands among list items: all lines of a block begin alike"),
+        ("a:\n  b: 2\n  - 1", "f.yaml:3:3: a list item stands among keys: all lines of a block begin alike"),
+        ('a: 1\nb: "x\nc: 2\n', "f.yaml:2:4: the quote that begins here is not closed"),
+        (
+            'a: "x" y',
+            "f.yaml:1:8: something follows a value that is complete: put all of it in quotes, or begin a new line",
+        ),
+        ("a: {b: 1, c: 2\nd: 3\n", "f.yaml:2:2: a ',' or '}' is missing in the mapping that begins in line 1"),
+        ("a: @b", "f.yaml:1:4: a value cannot begin with @: put it in quotes"),
         (
             "a: [1, 2",
             f"f.yaml:1:9: {UNCLOSED_LIST}",

@@ -291,7 +291,7 @@ robots:
   r2: {}
   r3: {type: roomba, restart: allways}
 """) == [
-        "f.yaml:2:15: clock.rate: must be over 0, not -1; or must be 'max', not -1",
+        "f.yaml:2:15: clock.rate: must be over 0 or 'max', not -1",
         "f.yaml:3:1: seeed: unknown key 'seeed'; did you mean 'seed'?",
         "f.yaml:6:14: robots.r1.type: unknown type 'rooomba'; did you mean 'roomba'?",
         f"f.yaml:7:3: robots.r2: {NO_PLUGINS}",

@@ -1,7 +1,7 @@
 // Up to four cameras: the newest frame of each, its age, and whether the picture still changes.
 
-import { send } from "./connection.js";
 import { contextOf, el, formatSeconds, setText } from "./dom.js";
+import { mostCameras, watch as watchCameras } from "./frames.js";
 import { store } from "./store.js";
 
 /** @import { FrameHeader, View } from "./types" */
@@ -9,17 +9,11 @@ import { store } from "./store.js";
 const FROZEN_S = 2; // no new frame for this long
 const UNCHANGED_S = 3; // new frames, but the same picture for this long
 const RATES_HZ = [1, 2, 5, 10, 15];
-const MAX_CAMERAS = 4;
 /** @type {Map<string, Tile>} Tiles by `robot/resource`. */
 const tiles = new Map();
 /** @type {Set<string> | null} The cameras that the user chose; null before the first visit. */
 let chosen = null;
 let rate_hz = 5;
-
-/** @param {FrameHeader} header @param {Blob | null} jpeg */
-export function showFrame(header, jpeg) {
-  tiles.get(`${header.robot}/${header.resource}`)?.show(header, jpeg);
-}
 
 /** @param {HTMLElement} root @returns {View} */
 export function camerasView(root) {
@@ -48,7 +42,9 @@ export function camerasView(root) {
 
   function watch() {
     const cameras = [...tiles.values()].map((tile) => tile.camera);
-    send({ do: "watch", cameras, rate_hz });
+    watchCameras(tiles, cameras, rate_hz, (header, jpeg) =>
+      tiles.get(`${header.robot}/${header.resource}`)?.show(header, jpeg),
+    );
     hint.hidden = tiles.size > 0;
   }
 
@@ -65,7 +61,7 @@ export function camerasView(root) {
       tiles.set(key, tile);
       grid.append(tile.node);
     }
-    const isFull = keys.size >= (store.hello?.max_cameras ?? MAX_CAMERAS);
+    const isFull = keys.size >= mostCameras();
     for (const box of list.querySelectorAll("input")) box.disabled = !box.checked && isFull;
     watch();
   }
@@ -88,7 +84,7 @@ export function camerasView(root) {
       .flatMap((robot) => (store.robots[robot]?.cameras ?? []).map((camera) => `${robot}/${camera}`));
     if (keys.join() !== shownKeys) {
       shownKeys = keys.join();
-      const atFirst = keys.slice(0, keys.length > MAX_CAMERAS ? 1 : MAX_CAMERAS);
+      const atFirst = keys.slice(0, keys.length > mostCameras() ? 1 : mostCameras());
       const current = new Set(chosen ? keys.filter((key) => chosen?.has(key)) : atFirst);
       chosen = current;
       list.replaceChildren(...keys.map((key) => choiceOf(key, current)));
@@ -106,19 +102,21 @@ export function camerasView(root) {
     leave() {
       clearInterval(timer);
       tiles.clear();
-      send({ do: "watch", cameras: [] });
+      watchCameras(tiles, [], 1, () => {});
     },
   };
 }
 
-class Tile {
+/** A camera's newest picture. */
+export class Tile {
   /** @type {FrameHeader | null} */
   header = null;
   isDrawing = false;
   frames = 0;
 
-  /** @param {string} key - `robot/resource`. */
-  constructor(key) {
+  /** @param {string} key - `robot/resource`. @param {() => number} [rateOf] - returns the frames per second. */
+  constructor(key, rateOf = () => rate_hz) {
+    this.rateOf = rateOf;
     const slash = key.indexOf("/");
     /** @type {[string, string]} */
     this.camera = [key.slice(0, slash), key.slice(slash + 1)];
@@ -158,7 +156,7 @@ class Tile {
     const { stamp_s, same_since_s, error } = this.header;
     const rate = store.hello?.rate ?? 1;
     const age_s = stamp_s === null ? null : Math.max(0, store.fleetNow() - stamp_s) / rate;
-    const isFrozen = age_s !== null && age_s > Math.max(FROZEN_S, 3 / rate_hz);
+    const isFrozen = age_s !== null && age_s > Math.max(FROZEN_S, 3 / this.rateOf());
     const same_s = stamp_s === null || same_since_s === null ? 0 : (stamp_s - same_since_s) / rate;
     setText(this.text, age_s === null ? "no frame yet" : `${formatSeconds(age_s)} old`);
     this.unchanged.hidden = isFrozen || same_s < UNCHANGED_S;

@@ -66,6 +66,14 @@ export function colour(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 }
 
+/** @param {number | null} fraction @param {string} [kind] */
+export function meterOf(fraction, kind = "") {
+  if (fraction === null) return null;
+  const bar = el("span");
+  bar.style.width = `${Math.round(fraction * 100)}%`;
+  return el("span", { class: `meter ${kind}`, "aria-hidden": "true" }, bar);
+}
+
 /** @param {HTMLCanvasElement} canvas */
 export function contextOf(canvas) {
   const context = canvas.getContext("2d");

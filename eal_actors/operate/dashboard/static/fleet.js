@@ -1,49 +1,49 @@
-// All robots, one row each.
+// All robots, one row each: search, sort, group by tag, and commands to a selection.
 
 import { request } from "./connection.js";
-import { clockTime, el, setText } from "./dom.js";
-import { activitiesOf, activityText, controlText, stateOf, store } from "./store.js";
+import { clockTime, el, meterOf, setText } from "./dom.js";
+import { SelectionBar } from "./selection.js";
+import { activitiesOf, activityText, controlText, isActive, LOW_BATTERY, matches, stateOf, store } from "./store.js";
 
 /** @import { Robot, Tone, View } from "./types" */
+/** @typedef {(robot: Robot | undefined, name: string) => string | number} SortKey */
 
-const COLUMNS = ["Robot", "State", "Battery", "Round trip", "Activity", "Controlled by", "Last error"];
-const LOW_BATTERY = 0.2;
+const TONES = ["bad", "warn", "good"];
+/** @type {[string, SortKey | null][]} Columns, and what they sort by. */
+const COLUMNS = [
+  ["Robot", null],
+  ["State", (robot) => TONES.indexOf(stateOf(robot)[2])],
+  ["Battery", (robot) => robot?.battery ?? 2],
+  ["Round trip", (robot) => -(robot?.round_trip_ms ?? -1)],
+  ["Activity", (robot) => (activitiesOf(robot).length ? 0 : 1)],
+  ["Controlled by", (robot) => controlText(robot) || "\uffff"],
+  ["Last error", (robot) => (robot?.last_error ? 0 : 1)],
+];
+const WIDE = [0, 4, 5, 6];
 
 /** @param {HTMLElement} root @returns {View} */
 export function fleetView(root) {
   const summary = el("div", { class: "tiles", "aria-label": "Summary" });
-  const body = el("tbody");
-  const titles = COLUMNS.map((title) => el("th", { scope: "col" }, title));
   const reloaded = el("span", { class: "small", role: "status" });
   const reload = el("button", { type: "button", id: "reload" }, "Reload the fleet file");
   reload.onclick = async () => {
     const answer = await request("reload", {});
     setText(reloaded, answer.ok ? answer.changes : ((answer.problems?.join(" · ") || answer.error) ?? ""));
   };
+  const table = new FleetTable();
   root.append(
-    el("h1", {}, "Fleet"),
-    summary,
-    el("p", {}, reload, " ", reloaded),
-    el(
-      "table",
-      { class: "table" },
-      el("caption", { class: "skip" }, "Robots of the fleet"),
-      el("thead", {}, el("tr", {}, ...titles)),
-      body,
-    ),
+    el("div", { class: "row" }, el("h1", {}, "Fleet"), summary, el("span", { class: "grow" }), reloaded, reload),
+    el("div", { class: "row" }, table.search, table.groupLabel),
+    table.bar.node,
+    table.node,
   );
-  /** @type {Row[]} */
-  let rows = [];
   const timer = setInterval(() => update(new Set(["time"])), 500);
 
   /** @type {View["update"]} */
   function update(changed) {
-    if (changed.has("hello")) {
-      rows = store.names().map((name) => new Row(name));
-      body.replaceChildren(...rows.map((row) => row.node));
-    }
+    if (changed.has("hello")) table.reset();
     if (changed.has("hello") || changed.has("robots") || changed.has("time")) {
-      for (const row of rows) row.update();
+      table.update();
       summarize(summary);
       reload.disabled = !store.may("administer");
     }
@@ -72,29 +72,153 @@ function summarize(summary) {
   );
 }
 
+class FleetTable {
+  /** @type {Row[]} */
+  rows = [];
+  /** @type {{ column: number, isReversed: boolean }} */
+  sorting = { column: 0, isReversed: false };
+  #order = "";
+  search = el("input", {
+    type: "search",
+    placeholder: "Find by name, type, tag or state",
+    "aria-label": "Find robots",
+  });
+  group = el(
+    "select",
+    {},
+    el("option", { value: "" }, "nothing"),
+    el("option", { value: "tag" }, "tag"),
+    el("option", { value: "type" }, "type"),
+  );
+  groupLabel = el("label", {}, "Group by", this.group);
+  all = el("input", { type: "checkbox", "aria-label": "Select all shown robots" });
+  bar = new SelectionBar(() => this.clear());
+
+  constructor() {
+    this.heads = COLUMNS.map(([title], column) => {
+      const button = el("button", { type: "button", class: "sort" }, title);
+      button.onclick = () => this.sortBy(column);
+      return el("th", { scope: "col" }, button);
+    });
+    this.node = el(
+      "table",
+      { class: "table" },
+      el("caption", { class: "skip" }, "Robots of the fleet"),
+      el("thead", {}, el("tr", {}, el("th", { class: "pick" }, this.all), ...this.heads)),
+    );
+    this.search.oninput = this.group.onchange = () => this.update();
+    this.all.onchange = () => {
+      for (const row of this.rows) if (row.node.isConnected) row.box.checked = this.all.checked;
+      this.showSelection();
+    };
+  }
+
+  reset() {
+    this.rows = store.names().map((name) => new Row(name, () => this.showSelection()));
+    this.#order = "";
+    this.showSelection();
+  }
+
+  /** @param {number} column */
+  sortBy(column) {
+    this.sorting = { column, isReversed: this.sorting.column === column && !this.sorting.isReversed };
+    this.heads.forEach((head, index) => {
+      if (index === column) head.setAttribute("aria-sort", this.sorting.isReversed ? "descending" : "ascending");
+      else head.removeAttribute("aria-sort");
+    });
+    this.update();
+  }
+
+  update() {
+    for (const row of this.rows) row.update();
+    const groups = this.#groups();
+    const order = JSON.stringify(groups.map(([title, rows]) => [title, rows.map((row) => row.name)]));
+    if (order === this.#order) return;
+    this.#order = order;
+    for (const body of [...this.node.tBodies]) body.remove();
+    for (const [title, rows] of groups) {
+      const head = el("th", { colSpan: COLUMNS.length + 1, scope: "rowgroup" }, `${title} (${rows.length})`);
+      this.node.append(
+        el("tbody", {}, title ? el("tr", { class: "group" }, head) : null, ...rows.map((row) => row.node)),
+      );
+    }
+    if (!groups.length) {
+      const none = store.names().length ? "No robot matches." : "The fleet has no robots.";
+      this.node.append(el("tbody", {}, el("tr", {}, el("td", { colSpan: COLUMNS.length + 1, class: "faint" }, none))));
+    }
+    this.showSelection();
+  }
+
+  /** @returns {[string, Row[]][]} */
+  #groups() {
+    const shown = this.rows.filter((row) => matches(row.name, store.robots[row.name], this.search.value));
+    const { column, isReversed } = this.sorting;
+    const key = COLUMNS[column][1];
+    if (key)
+      shown.sort((one, other) =>
+        compare(key(store.robots[one.name], one.name), key(store.robots[other.name], other.name)),
+      );
+    if (isReversed) shown.reverse();
+    if (!shown.length) return [];
+    if (!this.group.value) return [["", shown]];
+    /** @type {Map<string, Row[]>} */
+    const groups = new Map();
+    for (const row of shown) {
+      const robot = store.robots[row.name];
+      const title = (this.group.value === "tag" ? robot?.tags.join(", ") || "no tag" : robot?.type) ?? "unknown";
+      groups.set(title, [...(groups.get(title) ?? []), row]);
+    }
+    return [...groups].sort(([one], [other]) => compare(one, other));
+  }
+
+  showSelection() {
+    const chosen = this.rows.filter((row) => row.box.checked && row.node.isConnected).map((row) => row.name);
+    for (const row of this.rows) row.node.classList.toggle("chosen", chosen.includes(row.name));
+    const shown = this.rows.filter((row) => row.node.isConnected).length;
+    this.all.checked = chosen.length > 0 && chosen.length === shown;
+    this.all.indeterminate = chosen.length > 0 && chosen.length < shown;
+    this.bar.show(chosen);
+  }
+
+  clear() {
+    for (const row of this.rows) row.box.checked = false;
+    this.showSelection();
+  }
+}
+
+/** @param {string | number} one @param {string | number} other */
+function compare(one, other) {
+  return one < other ? -1 : Number(one > other);
+}
+
 class Row {
-  /** @param {string} name */
-  constructor(name) {
+  /** @param {string} name @param {() => void} onChoose */
+  constructor(name, onChoose) {
     this.name = name;
     this.shown = "";
-    this.cells = COLUMNS.map((title) => el("td", { "data-label": title }));
-    this.node = el("tr", { "data-robot": name }, ...this.cells);
-    for (const index of [0, 4, 5, 6]) this.cells[index].classList.add("wide");
+    this.box = el("input", { type: "checkbox", "aria-label": `Select ${name}`, onchange: onChoose });
+    this.cells = COLUMNS.map(([title]) => el("td", { "data-label": title }));
+    this.node = el("tr", { "data-robot": name }, el("td", { class: "pick" }, this.box), ...this.cells);
+    for (const index of WIDE) this.cells[index].classList.add("wide");
   }
 
   update() {
     const robot = store.robots[this.name];
     const activities = activitiesOf(robot).map((activity) => ({ ...activity, line: activityText(activity) }));
     const controllers = controlText(robot);
-    const run = store.run;
-    const isRunning = run.phase === "running" || run.phase === "paused";
-    const calls = isRunning && this.name in run.done_by ? `${run.scenario}: ${run.done_by[this.name]} calls done` : "";
+    const { run } = store;
+    const calls =
+      isActive(run) && this.name in run.done_by ? `${run.scenario}: ${run.done_by[this.name]} calls done` : "";
     const content = JSON.stringify([robot, activities, controllers, calls]);
     if (content === this.shown) return;
     this.shown = content;
     this.node.classList.toggle("outdated", Boolean(robot?.last_seen));
     const [name, state, battery, roundTrip, activity, control, error] = this.cells;
-    const type = el("span", { class: "faint small" }, robot?.type);
+    const type = el(
+      "span",
+      { class: "faint small" },
+      [robot?.type, ...(robot?.tags ?? [])].filter(Boolean).join(" · "),
+    );
     name.replaceChildren(el("a", { href: `#/robot/${encodeURIComponent(this.name)}` }, this.name), " ", type);
     state.replaceChildren(...stateParts(robot));
     battery.replaceChildren(...batteryParts(robot?.battery ?? null));
@@ -125,14 +249,6 @@ function roundTripText(robot) {
   if (!robot) return "";
   if (!robot.is_remote) return "this process";
   return robot.round_trip_ms === null ? "▲ no answer" : `${robot.round_trip_ms.toFixed(1)} ms`;
-}
-
-/** @param {number | null} fraction @param {string} [kind] */
-function meterOf(fraction, kind = "") {
-  if (fraction === null) return null;
-  const bar = el("span");
-  bar.style.width = `${Math.round(fraction * 100)}%`;
-  return el("span", { class: `meter ${kind}`, "aria-hidden": "true" }, bar);
 }
 
 /** @param {number | null} charge */

@@ -1,12 +1,14 @@
 // The frame of the page: views, the connection's state, notices and STOP.
 
-import { camerasView, showFrame } from "./cameras.js";
+import { camerasView } from "./cameras.js";
 import { connect, connection, request, signIn } from "./connection.js";
 import { byId, clockTime, el, setText } from "./dom.js";
 import { releaseAll, showDriveError } from "./drive.js";
 import { fleetView } from "./fleet.js";
+import { showFrame } from "./frames.js";
 import { logsView } from "./logs.js";
-import { mapView, showFloor } from "./map.js";
+import { mapView } from "./map.js";
+import { missionView } from "./mission.js";
 import { robotView } from "./robot.js";
 import { scenarioView } from "./scenario.js";
 import { store } from "./store.js";
@@ -15,6 +17,7 @@ import { store } from "./store.js";
 
 /** @type {[string, string, (root: HTMLElement) => View][]} */
 const VIEWS = [
+  ["mission", "Mission", missionView],
   ["fleet", "Fleet", fleetView],
   ["map", "Map", mapView],
   ["cameras", "Cameras", camerasView],
@@ -113,10 +116,7 @@ connection.onDriveError = (error) => {
   if (!showDriveError(error)) connection.onError(error.robot ? `${error.robot}: ${error.error}` : error.error);
 };
 connection.onError = (error) => notify(error, true);
-connection.onFrame = (header, jpeg) => {
-  showFrame(header, jpeg);
-  showFloor(header, jpeg);
-};
+connection.onFrame = showFrame;
 
 function canCommand() {
   return store.mayCommand() && connection.isOpen;

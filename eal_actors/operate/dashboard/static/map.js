@@ -1,31 +1,24 @@
 // The world from above with the robots and their trails: drag, zoom, click a robot for its panel, or send one.
 
 import { colour, el, fitCanvas, setText } from "./dom.js";
+import { PlaybackBar } from "./history.js";
 import { FloorPicture } from "./map_floor.js";
 import { drawPath, drawSpread, drawWorld, drawZones, rectangleOf } from "./map_layers.js";
+import { ARROW_PX, drawRobot, drawTrail, drawView, hullPx, robotColour } from "./map_robots.js";
 import { MapSender } from "./map_send.js";
 import { stateOf, store, worldBounds } from "./store.js";
 
-/** @import { Point, View } from "./types" */
+/** @import { Point, TrailPoint, View } from "./types" */
 /** @typedef {CanvasRenderingContext2D} Context */
 
-const HUES = [212, 28, 150, 330, 268, 60, 188, 0];
-const ROBOT_PX = 11;
 const HIT_PX = 18; // a click this near to a robot opens its panel
 const DRAG_PX = 6; // a pointer that moved farther is no click
 const MAX_NAMES = 40;
 const REDRAW_TRAILS_MS = 1500;
+const TICK_MS = 250;
 const ZOOM = 1.3;
 const GRID_M = [0.1, 0.25, 0.5, 1, 2, 5, 10, 20, 50];
 const GRID_PX = 34;
-
-/** @type {FleetMap | null} */
-let shown = null;
-
-/** @param {import("./types").FrameHeader} header @param {Blob | null} jpeg */
-export function showFloor(header, jpeg) {
-  shown?.floor.show(header, jpeg);
-}
 
 /** @param {HTMLElement} root @returns {View} */
 export function mapView(root) {
@@ -35,24 +28,28 @@ export function mapView(root) {
     el(
       "div",
       { class: "stack" },
-      el(
-        "div",
-        { class: "row" },
-        el("h1", { class: "grow" }, "Map"),
-        map.toggle("trails", "Trails"),
-        map.toggle("names", "Names"),
-        map.toggle("picture", "Picture"),
-        button("−", "Zoom out", () => map.zoom(1 / ZOOM)),
-        button("+", "Zoom in", () => map.zoom(ZOOM)),
-        button("Fit", "Fit everything", () => map.fit()),
-      ),
+      el("div", { class: "row" }, el("h1", { class: "grow" }, "Map"), ...map.controls()),
       map.sender.node,
     ),
-    map.frame,
+    map.node,
   );
   map.observe();
-  shown = map;
   return map;
+}
+
+/** Explain why no robot is on the map. */
+function explainNoPoses() {
+  const names = store.names();
+  const away = names.filter((name) => store.robots[name]?.state !== "ready");
+  if (!names.length) return "The fleet has no robots yet.";
+  if (away.length === names.length)
+    return `No robot is ready yet, so none is on the map: ${away.slice(0, 5).join(", ")}.`;
+  const waiting = names.filter((name) =>
+    ["Pose", "Odometry"].some((resource) => store.robots[name]?.not_ready[resource]),
+  );
+  if (waiting.length)
+    return `No robot knows where it is yet. Their poses are not ready: ${waiting.slice(0, 5).join(", ")}.`;
+  return "No robot reports where it is. A robot appears here as soon as it has a resource Pose or Odometry.";
 }
 
 /** @param {string} label @param {string} name @param {() => void} onclick */
@@ -60,12 +57,15 @@ function button(label, name, onclick) {
   return el("button", { type: "button", "aria-label": name, title: name, onclick }, label);
 }
 
-class FleetMap {
+export class FleetMap {
   /** The point in the middle, in metres, and the pixels of a metre. */
   camera = { x: 0, y: 0, scale: 60, isFitted: true };
-  options = { trails: true, names: true, picture: true };
+  options = { trails: true, names: true, views: true, picture: true };
+  /** The robot that the pointer is on in a list beside the map. */
+  /** @type {string | null} */
+  marked = null;
   trails = document.createElement("canvas");
-  /** @type {Map<string, Point | undefined>} The last point of each trail that is on the canvas of trails. */
+  /** @type {Map<string, TrailPoint | undefined>} The last point of each trail that is on the canvas of trails. */
   trailEnds = new Map();
   trailsDrawnAt = 0;
   isDue = false;
@@ -74,6 +74,7 @@ class FleetMap {
   pointers = new Map();
   pinch = 0;
   sender = new MapSender(() => this.redraw());
+  playback = new PlaybackBar(() => this.redraw());
   floor = new FloorPicture(() => this.redraw());
   scheme = matchMedia("(prefers-color-scheme: dark)");
   observer = new ResizeObserver(() => (this.camera.isFitted ? this.fit() : this.redraw()));
@@ -81,7 +82,9 @@ class FleetMap {
   constructor() {
     this.canvas = el("canvas", { role: "img", tabIndex: 0 });
     this.extent = el("span", { class: "chip" });
-    this.frame = el("div", { class: "panel map" }, this.canvas, this.extent);
+    this.empty = el("div", { class: "no-poses", hidden: true });
+    this.frame = el("div", { class: "panel map" }, this.canvas, this.empty, this.extent);
+    this.node = el("div", { class: "map-stack" }, this.frame, this.playback.node);
     this.canvas.onpointerdown = (event) => this.onPointerDown(event);
     this.canvas.onpointermove = (event) => this.onPointerMove(event);
     this.canvas.onpointerup = this.canvas.onpointercancel = (event) => this.onPointerUp(event);
@@ -98,12 +101,30 @@ class FleetMap {
   }
 
   observe() {
+    this.ticker = setInterval(() => this.tick(), TICK_MS);
     this.observer.observe(this.frame);
     this.scheme.addEventListener("change", this.redraw);
   }
 
+  /** Return the buttons for what is shown. */
+  controls() {
+    return [
+      this.toggle("trails", "Trails"),
+      this.toggle("names", "Names"),
+      this.toggle("views", "Views"),
+      this.toggle("picture", "Picture"),
+      el(
+        "span",
+        { class: "zoom" },
+        button("−", "Zoom out", () => this.zoom(1 / ZOOM)),
+        button("+", "Zoom in", () => this.zoom(ZOOM)),
+        button("Fit", "Fit everything", () => this.fit()),
+      ),
+    ];
+  }
+
   leave() {
-    shown = null;
+    clearInterval(this.ticker);
     this.floor.watch(false);
     this.observer.disconnect();
     this.scheme.removeEventListener("change", this.redraw);
@@ -122,6 +143,14 @@ class FleetMap {
     if (changed.has("hello")) this.floor.watched = "";
     this.floor.watch(this.options.picture);
     if (changed.has("poses") || changed.has("robots")) this.draw();
+  }
+
+  tick() {
+    this.playback.tick();
+    if (this.playback.isPlaying) this.redraw();
+    const known = Object.keys(store.poses).length > 0;
+    this.empty.hidden = known || !store.hello;
+    if (!known) setText(this.empty, explainNoPoses());
   }
 
   /** @param {keyof FleetMap["options"]} key @param {string} label */
@@ -208,17 +237,28 @@ class FleetMap {
       if (this.floor.image) context.drawImage(this.floor.image, ...rectangleOf(frame, world));
       this.canvas.dataset.floors = String(this.floor.frames);
     }
+    context.globalAlpha = world && this.floor.image ? 0.25 : 1;
     this.drawGrid(context, width, height);
+    context.globalAlpha = 1;
     if (world) drawWorld(context, frame, world);
     drawZones(context, frame, [...this.sender.zones, ...(this.sender.drawn ? [this.sender.drawn] : [])]);
-    if (this.options.trails) this.drawTrails(context, width, height);
+    const poses = this.playback.poses(store.poses);
+    const isLive = this.playback.shownAt === null;
+    if (this.options.trails && isLive) this.drawTrails(context, width, height);
     store.names().forEach((name, index) => {
-      const stroke = `hsl(${HUES[index % HUES.length]} 62% 46%)`;
-      drawPath(context, frame, name, stroke);
-      drawSpread(context, frame, name, stroke);
-      this.drawRobot(context, name, index);
+      const stroke = robotColour(index);
+      const [pose, robot] = [poses[name], store.robots[name]];
+      if (isLive) {
+        drawPath(context, frame, name, stroke);
+        drawSpread(context, frame, name, stroke);
+      }
+      if (!pose) return;
+      if (this.options.views && isLive) drawView(context, frame, pose, robot, stroke);
+      drawRobot(context, frame, pose, robot, stroke, name === this.marked);
     });
-    if (this.options.names && store.names().length <= MAX_NAMES) this.drawNames(context);
+    this.frame.classList.toggle("past", !isLive);
+    if (this.options.names && store.names().length <= MAX_NAMES) this.drawNames(context, poses);
+    if (this.playback.isPlaying) this.redraw();
   }
 
   /** @param {Context} context @param {number} width @param {number} height */
@@ -264,7 +304,7 @@ class FleetMap {
       sheet.clearRect(0, 0, width, height);
       store.names().forEach((name, index) => {
         const points = store.trails[name] ?? [];
-        this.drawTrail(sheet, points, index);
+        drawTrail(sheet, this, points, robotColour(index));
         this.trailEnds.set(name, points.at(-1));
       });
       this.trails.dataset.size = size;
@@ -277,62 +317,26 @@ class FleetMap {
       if (!points || !pose) return;
       const end = this.trailEnds.get(name);
       const start = end ? Math.max(points.lastIndexOf(end), 0) : 0;
-      this.drawTrail(context, [...points.slice(start), [pose.at[0], pose.at[1]]], index);
+      drawTrail(context, this, [...points.slice(start), [pose.at[0], pose.at[1], now]], robotColour(index));
     });
   }
 
-  /** @param {Context} context @param {Point[]} points @param {number} index */
-  drawTrail(context, points, index) {
-    if (points.length < 2) return;
-    context.lineWidth = 1.6;
-    context.lineJoin = "round";
-    context.strokeStyle = `hsl(${HUES[index % HUES.length]} 60% 50% / .55)`;
-    context.beginPath();
-    context.moveTo(...this.toScreen(...points[0]));
-    for (const point of points.slice(1)) context.lineTo(...this.toScreen(...point));
-    context.stroke();
-  }
-
-  /** @param {Context} context @param {string} name @param {number} index */
-  drawRobot(context, name, index) {
-    const pose = store.poses[name];
-    if (!pose) return;
-    const robot = store.robots[name];
-    const isReady = robot?.state === "ready" && !robot.stopped;
-    const size = Math.max(6, Math.min(ROBOT_PX, this.camera.scale * 0.35));
-    const floor = colour("--floor");
-    context.save();
-    context.translate(...this.toScreen(pose.at[0], pose.at[1]));
-    context.rotate(-pose.at[2]);
-    context.beginPath();
-    context.moveTo(size * 1.25, 0);
-    context.lineTo(-size, size * 0.85);
-    context.lineTo(-size * 0.5, 0);
-    context.lineTo(-size, -size * 0.85);
-    context.closePath();
-    context.fillStyle = isReady ? `hsl(${HUES[index % HUES.length]} 62% 46%)` : floor;
-    context.strokeStyle = isReady ? floor : colour("--bad");
-    context.lineWidth = isReady ? 1.2 : 2.2;
-    context.fill();
-    context.stroke();
-    context.restore();
-  }
-
-  /** @param {Context} context */
-  drawNames(context) {
+  /** @param {Context} context @param {Record<string, import("./types").Pose>} poses */
+  drawNames(context, poses) {
     context.font = "600 12px system-ui, sans-serif";
     context.textAlign = "center";
     context.lineWidth = 3;
     context.strokeStyle = colour("--floor");
     context.fillStyle = colour("--ink");
     for (const name of store.names()) {
-      const pose = store.poses[name];
+      const pose = poses[name];
       if (!pose) continue;
       const [x, y] = this.toScreen(pose.at[0], pose.at[1]);
+      const above = Math.max(ARROW_PX, hullPx(this.camera.scale, store.robots[name])) + 6;
       const [shape, word] = stateOf(store.robots[name]);
       const label = word === "ready" ? name : `${name} ${shape} ${word}`;
-      context.strokeText(label, x, y - ROBOT_PX - 6);
-      context.fillText(label, x, y - ROBOT_PX - 6);
+      context.strokeText(label, x, y - above);
+      context.fillText(label, x, y - above);
     }
   }
 
@@ -376,7 +380,7 @@ class FleetMap {
       const pose = store.poses[name];
       if (!pose) return false;
       const [x, y] = this.toScreen(pose.at[0], pose.at[1]);
-      return Math.hypot(x - pointer.x, y - pointer.y) < HIT_PX;
+      return Math.hypot(x - pointer.x, y - pointer.y) < Math.max(HIT_PX, hullPx(this.camera.scale, store.robots[name]));
     });
     if (hit) location.hash = `#/robot/${encodeURIComponent(hit)}`;
   }

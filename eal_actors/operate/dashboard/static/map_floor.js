@@ -1,6 +1,6 @@
 // The picture of the floor beneath the map: a tracker's resource `Floor`, as large as the world.
 
-import { send } from "./connection.js";
+import { watch } from "./frames.js";
 import { store } from "./store.js";
 
 /** @import { FrameHeader } from "./types" */
@@ -25,7 +25,7 @@ export class FloorPicture {
     const watched = isWanted && store.hello?.world && robot ? robot : "";
     if (watched === this.watched) return;
     this.watched = watched;
-    send({ do: "watch", cameras: watched ? [[watched, RESOURCE]] : [], rate_hz: RATE_HZ });
+    watch(this, watched ? [[watched, RESOURCE]] : [], RATE_HZ, (header, jpeg) => this.show(header, jpeg));
     if (!watched) this.image = null;
     this.onChange();
   }

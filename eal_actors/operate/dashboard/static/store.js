@@ -1,8 +1,9 @@
 // The page's state, as the server last reported it.
 
 import { formatSeconds } from "./dom.js";
+import { forgetPoses, notePoses } from "./history.js";
 
-/** @import { Activity, Change, Hello, LogLine, Point, Pose, Robot, Role, Run, RunEvent, Tone, Update } from "./types" */
+/** @import { Activity, Change, Hello, LogLine, Point, Pose, Robot, Role, Run, RunEvent, StartedRun, Tone, TrailPoint, Update } from "./types" */
 
 /** @type {Role[]} */
 const ROLES = ["watch", "drive", "run", "administer"];
@@ -11,6 +12,8 @@ const MAX_EVENTS = 20000;
 const MAX_TRAIL_POINTS = 300;
 const TRAIL_STEP_M = 0.02;
 const RATE_WINDOW_MS = 2000;
+/** Charge of a battery below which it is low, 0 to 1. */
+export const LOW_BATTERY = 0.2;
 const DEFAULT_BOUNDS = [-2, -1.5, 2, 1.5];
 
 class Store {
@@ -20,7 +23,7 @@ class Store {
   robots = {};
   /** @type {Record<string, Pose>} */
   poses = {};
-  /** @type {Record<string, Point[]>} */
+  /** @type {Record<string, TrailPoint[]>} */
   trails = {};
   /** @type {Record<string, Point[] | null>} Planned paths of the robots that are under way. */
   paths = {};
@@ -47,7 +50,10 @@ class Store {
     this.hello = hello;
     this.robots = {};
     this.poses = {};
-    this.trails = { ...hello.trails };
+    this.trails = Object.fromEntries(
+      Object.entries(hello.trails).map(([name, points]) => [name, points.map(([x, y]) => [x, y, -Infinity])]),
+    );
+    forgetPoses();
     this.paths = {};
     this.run = { phase: "none" };
     this.logs = [];
@@ -77,6 +83,7 @@ class Store {
     if (update.poses) {
       Object.assign(this.poses, update.poses);
       for (const [name, pose] of Object.entries(update.poses)) this.#extendTrail(name, pose);
+      notePoses(this.poses);
       changed.add("poses");
     }
     if (update.paths) {
@@ -122,7 +129,7 @@ class Store {
     const trail = this.trails[name];
     const last = trail.at(-1);
     if (last && Math.hypot(last[0] - x, last[1] - y) < TRAIL_STEP_M) return;
-    trail.push([x, y]);
+    trail.push([x, y, performance.now()]);
     if (trail.length > MAX_TRAIL_POINTS) trail.shift();
   }
 
@@ -160,6 +167,16 @@ class Store {
 }
 
 export const store = new Store();
+
+/**
+ * Return whether a run goes on.
+ *
+ * @param {Run} run
+ * @returns {run is StartedRun}
+ */
+export function isActive(run) {
+  return run.phase === "running" || run.phase === "paused";
+}
 
 /**
  * Shorten a step's label: most steps are commands, so the method is left out.
@@ -234,6 +251,21 @@ export function stateOf(robot) {
   if (robot.state === "ready" && robot.stopped) return ["■", "stopped", "bad"];
   if (robot.state === "ready" && Object.keys(robot.not_ready).length) return ["◐", "partly ready", "warn"];
   return STATES[robot.state] ?? ["?", robot.state, "warn"];
+}
+
+/**
+ * Return whether a robot has all words of a search in its name, type, tags or state.
+ *
+ * @param {string} name
+ * @param {Robot | undefined} robot
+ * @param {string} search
+ */
+export function matches(name, robot, search) {
+  const text = [name, robot?.type, ...(robot?.tags ?? []), stateOf(robot)[1]].join(" ").toLowerCase();
+  return search
+    .toLowerCase()
+    .split(/\s+/)
+    .every((word) => text.includes(word));
 }
 
 /** Return the extent of the world, else of the poses and trails, in metres: left, low, right, high. */

@@ -7,6 +7,9 @@
 /** x and y in metres, in the world's frame. */
 export type Point = [number, number];
 
+/** A point, and when the robot was there by the page's clock, in ms; -Infinity if that was before the connection. */
+export type TrailPoint = [number, number, number];
+
 /** The first message of a connection. */
 export interface Hello {
   fleet: string;
@@ -63,6 +66,10 @@ export interface Robot {
   can_drive: boolean;
   /** Whether it can be sent to a point of the map. */
   can_go: boolean;
+  /** Of the smallest disc that it fits in; null if it does not tell. */
+  radius_m: number | null;
+  /** Where its first camera looks: the angle of view, and its direction from straight ahead; null if unknown. */
+  view: { fov_deg: number; yaw_rad: number } | null;
   /** Covariance of its position: of x, of x and y, and of y, in m². */
   spread_m2: [number, number, number] | null;
   state: string;
@@ -140,6 +147,8 @@ export type RunEvent = { time_s: number } & (
   | { event: "step_ended"; record: StepRecord }
   | { event: "step_retried"; robot: string | null; label: string; attempt: number; error: ReportedError }
   | { event: "robot_dropped"; robot: string; error: ReportedError }
+  | { event: "robot_lost"; robot: string; error: ReportedError }
+  | { event: "robot_returned"; robot: string }
   | { event: "robot_replaced"; robot: string; by: string; error: ReportedError }
   | { event: "log"; robot: string | null; text: string }
   | { event: "run_paused" }
@@ -243,6 +252,8 @@ export interface Requests {
   describe: { robot: string };
   scenarios: object;
   call: { robot: string; resource: string; method: string; text?: string; value: Argument };
+  /** To several robots; the text `halt` without a resource halts them. */
+  command: { robots: string[]; resource: string; text: string; value: Argument };
   send: { robot: string; x_m: number; y_m: number; keep_out: Point[][] };
   stop: object;
   resume: object;
@@ -256,6 +267,7 @@ export interface Answers {
   describe: { resources: ResourceDescription[] };
   scenarios: { scenarios: ScenarioEntry[] };
   call: { value: string };
+  command: { confirmed: string[] };
   send: object;
   stop: { confirmed: string[] };
   resume: { confirmed: string[] };

@@ -9,7 +9,8 @@ import pytest
 
 from eal_actors.device.differential_base import WheelCalibration
 from eal_actors.kernel.errors import ConfigError
-from eal_actors.lab.calibration.calibration_file import with_include, write_calibration
+from eal_actors.lab.calibration.calibration_file import write_calibration
+from eal_actors.lab.fleet_edits import with_include
 from eal_actors.managers.config import EALConfigManager
 
 FOUND = WheelCalibration(track_factor=1.0125, wheel_ratio=0.9975)

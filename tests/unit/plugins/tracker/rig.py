@@ -110,6 +110,14 @@ class Arena:
                 speed_m_s = radius_m * abs(turn_rad_s)
                 self.world.drive(robot, speed_m_s - turn_rad_s * half_m, speed_m_s + turn_rad_s * half_m)
 
+    def drive_straight(self, speed_m_s: float) -> None:
+        """Drive every robot ahead, at a constant speed within a third of a second."""
+        with self.world.caught_up():
+            for robot in self.robots:
+                x_m, y_m, yaw_rad = robot.pose
+                self.world.carry(robot, (x_m - 0.1 * math.cos(yaw_rad), y_m - 0.1 * math.sin(yaw_rad), yaw_rad))
+                self.world.drive(robot, speed_m_s, speed_m_s)
+
     def step(self, duration_s: float = STEP_S) -> Fixes:
         self.clock.advance(duration_s)
         return self.tracker.fixes()

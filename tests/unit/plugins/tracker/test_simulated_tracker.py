@@ -9,12 +9,13 @@ import pytest
 
 from eal_actors.plugin import FleetServices, PluginContext, PluginError
 from plugins.sim.camera.looking_down import OverheadLens
+from plugins.sim.overhead import marker_height_m
 from plugins.sim.plugin import open_camera
 from plugins.tracker import plugin as tracker_plugin
 from plugins.tracker.lens import Lens
 from plugins.tracker.locating import square_corners
 from tests.manual_clock import ManualClock
-from tests.unit.plugins.tracker.rig import CEILING, STEP_S, Arena, groups, lens_of, world_model
+from tests.unit.plugins.tracker.rig import CEILING, STEP_S, Arena, groups, lens_of, make_of, world_model
 
 SMALL = {**CEILING, "width": 640, "height": 480}
 
@@ -68,6 +69,59 @@ def test_markers_are_drawn_where_opencv_projects_them(arena: Arena) -> None:
         corners = square_corners(marker.size_m) + np.array([marker.x_m, marker.y_m])
         places = lens.project(np.column_stack([corners, np.zeros(4)]))
         assert np.abs(one.corners - places).max() < 0.3
+
+
+def _blurred(exposure_s: float) -> Arena:
+    """Return an arena in which the robots drive at 0.4 m/s, to the right."""
+    camera = {
+        **SMALL,
+        "exposure_s": exposure_s,
+        "noise": 0.0,
+        "blur_px": 0.0,
+        "distortion": (0.0,) * 5,
+        "tilt_deg": 0.0,
+    }
+    model = world_model({"ceiling": camera}, size_m=(4.2, 3.4))
+    markers = model.markers.model_copy(update={"size_m": 0.2})
+    arena = Arena(3, model=model.model_copy(update={"markers": markers}), markers=groups(3, 0.2))
+    with arena.world.caught_up():
+        for robot in arena.robots:
+            arena.world.carry(robot, (robot.pose[0] - 0.3, robot.pose[1], 0.0))
+            arena.world.drive(robot, 0.4, 0.4)
+    arena.clock.advance(0.5)
+    return arena
+
+
+def test_a_long_exposure_smears_what_moves_along_its_way_only() -> None:
+    """Edges across the way are as wide as the way in the exposure; edges along it stay sharp."""
+    widths = {}
+    for exposure_s in (0.0, 0.1):
+        arena = _blurred(exposure_s)
+        picture, _ = arena.camera("ceiling").newest()
+        lens = OverheadLens(arena.model.cameras["ceiling"])
+        number, (x_m, y_m, _) = 2, arena.truth()[2]  # the Roomba, whose plate is the nearest to the floor
+        height_m = marker_height_m(make_of(number))
+        (column, row), (edge, _) = (
+            lens.project(np.array([[x_m, y_m, height_m], [x_m + 0.1, y_m, height_m]])).round().astype(int)
+        )
+        reach = edge - column
+        grey = picture[..., 1].astype(float)
+        across = grey[row, column + reach // 2 : column + 2 * reach]
+        along = grey[row - 2 * reach : row - reach // 2, column]
+        widths[exposure_s] = [np.ptp(line) / np.abs(np.diff(line)).max() for line in (across, along)]
+        px_per_m = reach / 0.1
+    assert widths[0.1][0] > widths[0.0][0] + 0.5 * 0.4 * 0.1 * px_per_m
+    assert widths[0.1][1] < widths[0.0][1] + 0.5
+
+
+@pytest.mark.parametrize("exposure_s", [pytest.param(0.0, marks=pytest.mark.slow), 0.04])
+def test_motion_blur_does_not_shift_the_fixes_of_driving_robots(exposure_s: float) -> None:
+    """0.4 m/s for 40 ms are 16 mm: a stamp at an end of the exposure would be 8 mm off."""
+    arena = _blurred(exposure_s)
+    away = np.concatenate([arena.errors(arena.step()) for _ in range(6)])
+    assert len(away) == 18
+    assert np.hypot(away[:, 0], away[:, 1]).max() < 0.004
+    assert np.degrees(np.abs(away[:, 2])).max() < 1.0
 
 
 def test_the_same_seed_gives_the_same_fixes() -> None:

@@ -1,0 +1,86 @@
+"""Progress of long work: how much is done, how fast it goes, how long the rest takes, and a summary."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TypeAlias
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.text import Text
+from typing_extensions import override
+
+from eal_actors.cli.output import counted, print_line
+from eal_actors.kernel.clock import REAL_TIME
+
+OnDone: TypeAlias = Callable[[str | Text, bool], None]
+"""Called for each finished part: its line, and whether it must be seen on a terminal too."""
+
+
+class _RateColumn(ProgressColumn):
+    """Parts in a second, or in a minute where they are slow."""
+
+    @override
+    def render(self, task: Task) -> Text:
+        return Text(_rate(task.speed or 0.0), style="dim")
+
+
+@contextmanager
+def work_progress(console: Console, noun: str, total: int, finished: int = 0) -> Iterator[OnDone]:
+    """Show a bar on a terminal, or a line for each part elsewhere; at the end, or at Ctrl-C, a summary.
+
+    Args:
+        console: where to show it.
+        noun: the name of a part, such as `run`.
+        total: the number of parts.
+        finished: how many of them were finished before.
+    """
+    start_s, done = REAL_TIME.now(), 0
+
+    def advance(line: str | Text, is_important: bool) -> None:
+        nonlocal done
+        done += 1
+        if bar is None:
+            print_line(console, Text(f"{finished + done}/{total}  ").append_text(Text() + line))
+            return
+        bar.advance(task)
+        if is_important:
+            print_line(bar.console, line)
+
+    bar = _bar(console) if console.is_terminal else None
+    if bar is not None:
+        bar.start()
+        task = bar.add_task(f"{noun}s", total=total, completed=finished)
+    try:
+        yield advance
+    finally:
+        if bar is not None:
+            bar.stop()
+        if done > 1:
+            duration_s = REAL_TIME.now() - start_s
+            what = counted(done, noun) if finished + done == total else f"{done} of {total} {noun}s"
+            print_line(console, f"{what} in {_duration(duration_s)}, {_rate(done / max(duration_s, 1e-9))}", "dim")
+
+
+def _bar(console: Console) -> Progress:
+    columns = (BarColumn(), MofNCompleteColumn(), _RateColumn(), TimeElapsedColumn(), TextColumn("left:"))
+    return Progress(TextColumn("{task.description}"), *columns, TimeRemainingColumn(), console=console, transient=True)
+
+
+def _rate(per_s: float) -> str:
+    return f"{per_s:.1f} per second" if per_s >= 1 else f"{per_s * 60:.1f} per minute"
+
+
+def _duration(duration_s: float) -> str:
+    minutes, seconds = divmod(round(duration_s), 60)
+    return f"{minutes} min {seconds} s" if minutes else f"{duration_s:.1f} s"

@@ -1,0 +1,128 @@
+"""Mission control, the map's playback and commands to a selection, in a real Chromium."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from eal_actors.facade.fleet import Fleet
+from eal_actors.operate.dashboard import Dashboard
+from tests.operate.dashboard.rig import COUNTING_PLUGIN, SIM, counting_fleet, open_dashboard, resource_of
+from tests.plugin_files import write_plugin
+
+OpenPage = Callable[..., AbstractContextManager[Page]]
+
+pytestmark = pytest.mark.timeout(180)
+expect.set_options(timeout=20_000)
+
+SIZES = ((1440, 900), (1024, 768), (768, 1024), (390, 844))
+
+
+def test_the_front_page_shows_map_robots_cameras_and_alerts_at_four_sizes(open_page: OpenPage) -> None:
+    with (
+        Fleet.load(SIM).connect() as fleet,
+        open_dashboard(fleet) as dashboard,
+        open_page(dashboard.link) as page,
+    ):
+        expect(page.locator("[data-robot='roomba-1']")).to_contain_text("100 %")
+        expect(page.locator("[data-camera='evbot2-1/Camera']")).to_have_attribute("data-frames", re.compile(r"\d+"))
+        expect(page.locator(".no-poses")).to_be_hidden()
+        for width, height in SIZES:
+            page.set_viewport_size({"width": width, "height": height})
+            for part in ("Map", "Robots", "Cameras"):
+                expect(page.get_by_role("region", name=part)).to_be_visible()
+            wide = page.evaluate("document.documentElement.scrollWidth - innerWidth")
+            assert wide <= 0, f"{width} px: {wide} px too wide"
+        radii = page.evaluate(
+            "import('/static/store.js').then(({ store }) => store.names().map((name) => store.robots[name].radius_m))"
+        )
+        assert all(0.1 < radius_m < 0.3 for radius_m in radii)
+
+
+def test_an_alert_names_the_robot_and_goes_when_it_is_over(
+    open_page: OpenPage, fleet: Fleet, dashboard: Dashboard
+) -> None:
+    with open_page(dashboard.link) as page:
+        alerts = page.get_by_role("region", name="Alerts")
+        expect(alerts).to_contain_text("Nothing needs attention")
+        page.evaluate("location.hash = '#/robot/one'")
+        page.locator("form", has=page.locator("code", has_text="fail")).get_by_role("button").click()
+        page.evaluate("location.hash = '#/mission'")
+        expect(alerts.locator("li")).to_contain_text(["one Base fail: "])
+        alerts.get_by_role("link", name="one").click()
+        expect(page.get_by_role("heading", name="one")).to_be_visible()
+
+
+def test_a_map_without_poses_explains_itself(open_page: OpenPage, tmp_path: Path) -> None:
+    counting_fleet(tmp_path, "one")
+    write_plugin(tmp_path, "counting", COUNTING_PLUGIN, "Base")
+    with (
+        Fleet.load(tmp_path / "fleet.yaml").connect() as opened,
+        open_dashboard(opened) as dashboard,
+        open_page(dashboard.link) as page,
+    ):
+        expect(page.locator(".no-poses")).to_contain_text("No robot reports where it is")
+
+
+def test_the_map_plays_back_the_last_minutes(open_page: OpenPage, dashboard: Dashboard) -> None:
+    with open_page(dashboard.link + "#/map") as page:
+        shown = "import('/static/store.js').then(({ store }) => store.poses.one?.at[0])"
+        page.wait_for_function(f"() => {shown}.then((x) => x > 1)")
+        slider = page.get_by_role("slider", name="Playback")
+        page.wait_for_function("() => Number(document.querySelector('.playback input').min) <= -2")
+        slider.evaluate("(node) => { node.value = node.min; node.dispatchEvent(new Event('input')); }")
+        expect(page.locator(".map")).to_have_class("panel map past")
+        expect(page.locator(".playback")).to_contain_text("s ago")
+        page.get_by_role("button", name="Live").click()
+        expect(page.locator(".playback")).to_contain_text("now")
+        expect(page.locator(".map")).to_have_class("panel map")
+
+
+def test_the_table_is_searched_sorted_and_grouped(open_page: OpenPage, dashboard: Dashboard) -> None:
+    with open_page(dashboard.link + "#/fleet") as page:
+        rows = page.locator("tr[data-robot]")
+        expect(rows).to_have_count(2)
+        page.get_by_role("button", name="Robot", exact=True).click()
+        page.get_by_role("button", name="Robot", exact=True).click()
+        expect(page.get_by_role("columnheader", name="Robot", exact=True)).to_have_attribute("aria-sort", "ascending")
+        page.get_by_label("Find robots").fill("ready tw")
+        expect(rows).to_have_count(1)
+        expect(rows).to_contain_text("two")
+        page.get_by_label("Find robots").fill("nothing like it")
+        expect(page.locator("table")).to_contain_text("No robot matches.")
+        page.get_by_label("Find robots").fill("")
+        page.get_by_label("Group by").select_option("tag")
+        expect(page.get_by_role("rowheader", name="no tag (2)")).to_be_visible()
+
+
+def test_a_selection_is_commanded_together_with_a_checked_argument(
+    open_page: OpenPage, fleet: Fleet, dashboard: Dashboard
+) -> None:
+    with open_page(dashboard.link + "#/fleet") as page:
+        page.get_by_label("Select all shown robots").check()
+        bar = page.locator(".selection")
+        expect(bar).to_contain_text("2 selected")
+        bar.get_by_label("Command").select_option(label="Base: turn<degrees>")
+        field = bar.locator("input")
+        field.fill("400")
+        bar.get_by_role("button", name="Send").click()
+        expect(bar).to_contain_text("must be double 0..360 deg")
+        field.fill("30")
+        bar.get_by_role("button", name="Send").click()
+        expect(bar).to_contain_text("✓ turn30: 2 of 2 robots done")
+        bar.get_by_label("Command").select_option(label="Base: fail")
+        bar.get_by_role("button", name="Send").click()
+        expect(bar).to_contain_text("✕ fail: 0 of 2 done. one: ")
+        bar.get_by_label("Command").select_option(label="Base: hold")
+        bar.get_by_role("button", name="Send").click()
+        expect(page.locator("tr[data-robot='two']")).to_contain_text("▶ hold")
+        bar.get_by_role("button", name="Halt").click()
+        expect(page.locator("tr[data-robot='two']")).to_contain_text("idle")
+        assert all(resource_of(fleet, name, "Base").halts for name in fleet)
+        bar.get_by_role("button", name="Clear selection").click()
+        expect(bar).to_be_hidden()
