@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Final
 
@@ -28,6 +29,7 @@ __all__ = ["CLOSE_TIMEOUT_S", "ResourceHandle", "RobotHandle", "close_robots"]
 
 CLOSE_TIMEOUT_S: Final = 5.0
 """Real time that a robot has to stop by itself before its stuck threads are abandoned."""
+_LOOK_S: Final = 0.25
 
 
 class RobotHandle(RobotParts, Mapping[str, ResourceHandle]):
@@ -286,10 +288,11 @@ def close_robots(robots: Sequence[RobotHandle], timeout_s: float = CLOSE_TIMEOUT
 
     Args:
         robots: the robots.
-        timeout_s: real seconds for them to stop by themselves.
+        timeout_s: real seconds for them to stop by themselves. They count anew whenever a thread ends, so that many
+            robots on a busy machine are not taken for stuck ones.
 
-    Thread: blocks the caller, at most about twice `timeout_s` however many robots there are. In a thread of one of the
-    robots, such as a done-callback's, it does not wait for that robot.
+    Thread: blocks the caller; if no thread ends, about twice `timeout_s` however many robots there are. In a thread of
+    one of the robots, such as a done-callback's, it does not wait for that robot.
     """
     for robot in robots:  # before time passes without this thread, or motions would end that are to be stopped
         robot._actor.shut_down()
@@ -305,19 +308,43 @@ def _await_end(robots: Sequence[RobotHandle], timeout_s: float) -> None:
         robot._actor.force_down()
     for robot in _not_stopped(late, timeout_s / 2):
         robot._actor.abandon(UnavailableError("the robot was stuck while it was closed"))
-    end_s = REAL_TIME.now() + timeout_s / 2
+    patience = _Patience(timeout_s / 2)
     for robot in robots:
-        if alive := robot._actor.join(end_s - REAL_TIME.now()):
+        while (alive := robot._actor.join(patience.slice_s())) and patience.slice_s():
+            pass
+        if alive:
             get_logger(robot=robot.name).error("threads are stuck and were left behind", threads=alive)
 
 
 def _not_stopped(robots: Sequence[RobotHandle], timeout_s: float) -> list[RobotHandle]:
     """Wait for robots to stop; return those that have not."""
-    end_s = REAL_TIME.now() + timeout_s
-    late = []
-    for robot in robots:
+    patience = _Patience(timeout_s)
+    return [robot for robot in robots if not _has_stopped(robot, patience)]
+
+
+def _has_stopped(robot: RobotHandle, patience: _Patience) -> bool:
+    while True:
+        slice_s = patience.slice_s()
         try:
-            robot._view.stopped.get(timeout=max(0.0, end_s - REAL_TIME.now()))
+            robot._view.stopped.get(timeout=slice_s)
         except WaitTimeoutError:
-            late.append(robot)
-    return late
+            if not slice_s:
+                return False
+        else:
+            return True
+
+
+class _Patience:
+    """A time limit in real seconds that begins anew whenever a thread of the process has ended."""
+
+    def __init__(self, limit_s: float) -> None:
+        self._limit_s = limit_s
+        self._threads = threading.active_count()
+        self._end_s = REAL_TIME.now() + limit_s
+
+    def slice_s(self) -> float:
+        """Return how long to wait before the next look; 0 at the end."""
+        now_s, threads = REAL_TIME.now(), threading.active_count()
+        if threads < self._threads:
+            self._threads, self._end_s = threads, now_s + self._limit_s
+        return max(0.0, min(self._end_s - now_s, _LOOK_S))

@@ -7,6 +7,7 @@ from typing import Any
 
 from eal_actors.actors.call import Call, ResourceCell
 from eal_actors.actors.feeds import Encoding, Feed, Sink, StreamSpec
+from eal_actors.actors.future import Future
 from eal_actors.actors.resource_actor import data_of
 from eal_actors.actors.robot_view import MailboxLoad, mailbox_load
 from eal_actors.actors.streams import PolledFeed, Stream
@@ -215,8 +216,17 @@ class ResourceHandle:
         return self._call("get_config", (key,), timeout_s)
 
     def set_config(self, key: str, value: Any = None, *, timeout_s: float | None = None) -> Call[int]:
-        """Set a configuration value; returns a status int."""
-        return self._call("set_config", (key, None if value is None else EALData.of(value)), timeout_s)
+        """Set a configuration value; returns a status int. Default deadlines of motions follow a speed that it sets."""
+        data = None if value is None else EALData.of(value)
+        call = self._call("set_config", (key, data), timeout_s)
+        if data is not None and isinstance(data.value, (int, float)):
+            call.add_done_callback(lambda done: self._follow_pace(key, data.value, done))
+        return call
+
+    def _follow_pace(self, key: str, value: float, done: Future[int]) -> None:
+        info = self._cell.info
+        if info is not None and done.exception() is None:
+            self._cell.info = info.at_pace(key, value)
 
     def halt(self, *, timeout_s: float | None = None) -> Call[int]:
         """Stop everything that moves, at once: overtake all calls, close the running command, drop those that wait."""

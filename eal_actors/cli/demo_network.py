@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+import secrets
 import socket
 import subprocess
 import sys
@@ -19,6 +21,7 @@ from eal_actors.cli.fleets import read_fleet
 from eal_actors.cli.output import print_line, stderr
 from eal_actors.kernel.errors import UnavailableError
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.managers.network_model import IDENTITY_VARIABLE
 
 _STOP_S: Final = 5.0  # real seconds after which a server that has not ended is killed
 _LOOPBACK: Final = "127.0.0.1"
@@ -35,6 +38,7 @@ def demo_network(
 
     A robot whose port on this machine is in use gets a free one.
     """
+    os.environ[IDENTITY_VARIABLE] = secrets.token_hex(4)  # no robots of another fleet, which may run here as well
     config = read_fleet(fleet)
     served = [name for name, robot in config.robots.items() if robot.address is not None]
     with _on_free_ports(config) as file, _serving(file, served):

@@ -33,13 +33,13 @@ def discover_robots(
     """
     found = discover(timeout)
     if as_json:
-        robots = [{"fleet": entry.fleet, "robot": entry.robot, "endpoint": entry.endpoint} for entry in found.robots]
+        robots = [entry._asdict() for entry in found.robots]
         write_json({"robots": robots, "closed": list(found.closed)})
     else:
         if found.robots:
-            table = new_table("fleet", "robot", "endpoint")
+            table = new_table("fleet", "identity", "robot", "endpoint")
             for entry in found.robots:
-                table.add_row(entry.fleet, Text(entry.robot, style="cyan"), entry.endpoint)
+                table.add_row(entry.fleet, entry.identity or "", Text(entry.robot, style="cyan"), entry.endpoint)
             stdout().print(table)
         else:
             print_line(stderr(), _NOTHING)

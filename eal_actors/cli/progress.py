@@ -34,6 +34,8 @@ STYLES = {
 _PRINTED = (
     events.LogLine,
     events.RobotDropped,
+    events.RobotLost,
+    events.RobotReturned,
     events.RobotReplaced,
     events.RunContinued,
 )  # scroll above the live table
@@ -74,6 +76,10 @@ def event_line(event: events.RunEvent) -> Text | None:
             return Text("one step for each robot" if event.is_single_step else "resumed")
         case events.RobotDropped():
             return Text.assemble(f"{event.robot}  ", ("dropped", STYLES["dropped"]), f": {event.error.message}")
+        case events.RobotLost():
+            return Text.assemble(f"{event.robot}  ", ("lost", STYLES["dropped"]), f": {event.error.message}")
+        case events.RobotReturned():
+            return Text(f"{event.robot}  is back")
         case events.RobotReplaced():
             words = f" by {event.by}: {event.error.message}"
             return Text.assemble(f"{event.robot}  ", ("replaced", STYLES["replaced"]), words)

@@ -39,6 +39,7 @@ from eal_actors.cli.run_options import (
     RunsDirOption,
     SeedOption,
     ShowOption,
+    StrictOption,
     read_request,
 )
 from eal_actors.cli.run_output import plan_as_json, print_plan, print_summary
@@ -84,6 +85,7 @@ def run_scenario(
     no_plot: NoPlotOption = False,
     film: FilmOption = False,
     show: ShowOption = False,
+    strict: StrictOption = False,
 ) -> None:
     """Run a scenario on a fleet.
 
@@ -105,7 +107,8 @@ def run_scenario(
         finished = _execute(request, runs_dir, console, options, listeners, record, metrics_port)
     drawings = _Drawings(not no_plot and finished.interrupts < 2, film and finished.interrupts < 2, show)
     _show(finished, request.config, console, drawings, as_json=as_json)
-    if finished.interrupts or finished.report.outcome != "done":
+    is_lacking = strict and bool(finished.report.dropped)
+    if finished.interrupts or finished.report.outcome != "done" or is_lacking:
         raise typer.Exit(ExitCode.INTERRUPTED if finished.interrupts else ExitCode.FAILED)
 
 

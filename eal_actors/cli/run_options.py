@@ -45,6 +45,9 @@ RateOption: TypeAlias = Annotated[
     ),
 ]
 NoPlotOption: TypeAlias = Annotated[bool, typer.Option("--no-plot", help="Do not draw the paths.")]
+StrictOption: TypeAlias = Annotated[
+    bool, typer.Option("--strict", help="Exit with 1 also if the run is done without a robot that it dropped.")
+]
 FilmOption: TypeAlias = Annotated[bool, typer.Option("--film", help="Draw the run as a film too: trajectory.gif.")]
 ShowOption: TypeAlias = Annotated[
     bool, typer.Option("--show", help="Show the drawing in the terminal if it can (kitty, iTerm2, sixel), or open it.")

@@ -143,6 +143,8 @@ def _errors(report: Report) -> list[Text]:
         if robot.error is not None and robot.error.message not in printed:
             lines.append(_error_line(name, robot.outcome, robot.error.message))
             printed.add(robot.error.message)
+    touched = report.contacts[:_MOST_ROWS]
+    lines += [Text(f"{one.robot}  touched {one.other} at {one.time_s:.2f} s") for one in touched]
     if report.error is not None and report.error.message not in printed:
         lines.append(Text(report.error.message))
     return lines
@@ -160,7 +162,9 @@ def _verdict(report: Report) -> Text:
     return Text.assemble(
         f"{report.scenario} on {report.fleet}: ",
         _styled(report.outcome),
+        (f" without {', '.join(report.dropped)}", STYLES["dropped"]) if report.dropped else "",
         f", {robots}, {calls}, {report.duration_s:.2f} s",
         (f", {counted(skipped, 'step')} skipped", STYLES["skipped"]) if skipped else "",
+        (f", {counted(len(report.contacts), 'contact')}", STYLES["skipped"]) if report.contacts else "",
         f", started together within {max(skews) * 1000:.1f} ms" if skews else "",
     )

@@ -36,7 +36,6 @@ _TRACK: Final = ValueInfo(DataType.DOUBLE, "m", 0, 10)
 _TRACK_FACTOR: Final = ValueInfo(DataType.DOUBLE, None, 0.5, 2, description="a factor; 1 is nominal")
 _WHEEL_RATIO: Final = ValueInfo(DataType.DOUBLE, None, 0.9, 1.1, description="a ratio; 1 is nominal")
 _ROUNDING: Final = 1e-9
-_PATIENCE: Final = 2.0  # a motion may take this many times as long as at the usual speed, before it is overdue
 
 
 class WheelCalibration(StrictModel):
@@ -324,12 +323,9 @@ class DifferentialBase(MapMotions):
             replace(known, value=replace(known.value, maximum=most[known.name])) if known.name in most else known
             for known in info.configs
         )
-        per_unit_s = {
-            _DISTANCE: _PATIENCE / self.drivetrain.speed_m_s,
-            _ANGLE: _PATIENCE / self.drivetrain.turn_rate_deg_s,
-        }
+        paces = {_DISTANCE: "speed_m_s", _ANGLE: "turn_rate_deg_s"}
         commands = (
-            replace(known, seconds_per_unit=per_unit_s.get(known.argument, 0.0)) if known.argument else known
-            for known in info.commands
+            replace(known, pace=paces.get(known.argument, "")) if known.argument else known for known in info.commands
         )
-        return replace(info, commands=tuple(commands), configs=tuple(configs))
+        info = replace(info, commands=tuple(commands), configs=tuple(configs))
+        return info.at_pace("speed_m_s", self._speed_m_s).at_pace("turn_rate_deg_s", self._turn_rate_deg_s)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import enum
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Final
 
 from eal_actors.device.data import DataType, EALData, ValueInfo
@@ -34,6 +34,9 @@ class ResourceType(enum.Flag):
         """The names of the types it combines, in the order of the table."""
         return tuple(member.name for member in type(self) if member in self and member.name)
 
+
+PATIENCE: Final = 2.0
+"""A motion may take this many times as long as at its speed, before it is overdue."""
 
 METHODS: Final = (
     "get_status",
@@ -63,6 +66,7 @@ class CommandInfo:
         urgent: it overtakes all calls in the mailbox and drops the motions among them. For stops.
         description: one line for people.
         seconds_per_unit: time that it takes for each unit of an argument in the text, added to the default deadline.
+        pace: the configuration key of its speed, in units a second; empty for none.
     """
 
     name: str
@@ -71,6 +75,7 @@ class CommandInfo:
     urgent: bool = False
     description: str = ""
     seconds_per_unit: float = 0.0
+    pace: str = ""
 
     @property
     def prefix(self) -> str | None:
@@ -164,6 +169,17 @@ class ResourceInfo:
             if command.startswith(prefix) and _NUMBER.match(number := command[len(prefix) :]):
                 return abs(float(number)) * info.seconds_per_unit
         return 0.0
+
+    def at_pace(self, key: str, units_per_s: float) -> ResourceInfo:
+        """Return the information after a configuration key, which may be the pace of commands, was set."""
+        if units_per_s <= 0 or not any(command.pace == key for command in self.commands):
+            return self
+        seconds = {key: PATIENCE / units_per_s}
+        commands = (
+            replace(command, seconds_per_unit=seconds.get(command.pace, command.seconds_per_unit))
+            for command in self.commands
+        )
+        return replace(self, commands=tuple(commands))
 
     def parse_request(self, text: str) -> tuple[CommandInfo, EALData | None]:
         """Return the request of a text, and its checked argument; see parse_command."""

@@ -6,12 +6,12 @@ import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Self, TypeAlias, TypeVar
+from typing import Any, Final, Self, TypeAlias, TypeVar
 
 from eal_actors.device.link import FaultyLink
 from eal_actors.device.localization.localizer import Localizer
 from eal_actors.device.ports import BytePort
-from eal_actors.device.proximity import ProximityObserver
+from eal_actors.device.proximity import Contact, ProximityObserver
 from eal_actors.device.resource import Resource
 from eal_actors.device.world import WorldModel
 from eal_actors.kernel.clock import Clock
@@ -87,6 +87,7 @@ class FleetServices:
 
     Attributes:
         proximity_observer: receives the gaps around simulated robots; set it before the robots connect.
+        contacts: the contacts of simulated robots; a simulation appends to it, in any thread.
         markers: the id of the marker that each robot carries, by the robot's name.
     """
 
@@ -105,6 +106,7 @@ class FleetServices:
         self.open_camera = open_camera
         self.markers: Mapping[str, int] = {}
         self.proximity_observer: ProximityObserver | None = None
+        self.contacts: Final[list[Contact]] = []
         self._lock = threading.RLock()
         self._shared: dict[Hashable, Any] = {}
         self._links: dict[str, FaultyLink] = {}

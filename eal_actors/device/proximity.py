@@ -1,10 +1,10 @@
-"""The observer to which a simulation reports the gaps around its robots."""
+"""Reports of a simulation about its robots: the gaps around them, and their contacts."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 Observe: TypeAlias = Callable[[float, str, tuple[float, float], Mapping[str, float]], float]
 
@@ -24,3 +24,17 @@ class ProximityObserver:
 
     reach_m: float
     observe: Observe
+
+
+class Contact(NamedTuple):
+    """A contact that begins.
+
+    Attributes:
+        time_s: seconds of the fleet's clock.
+        robot: the robot's name.
+        other: the other robot's name, or what the robot touches.
+    """
+
+    time_s: float
+    robot: str
+    other: str

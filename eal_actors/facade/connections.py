@@ -98,11 +98,11 @@ def _remote_fleet(endpoint: str, config: FleetConfig) -> Fleet:
         names = ", ".join(robot.robot for robot in found)
         hint = f"leads to {len(found)} robots, {names}: name one in a fleet file" if found else "leads to no robot"
         raise RobotNotFoundError(f"{endpoint} {hint}")
-    network: dict[str, Any] = {}
+    network: dict[str, Any] = {} if found[0].identity is None else {"identity": found[0].identity}
     if is_secure and security is not None:
         roles = {"controllers": [security.controller], "routers": security.routers}
         keys = security.keys.resolve()
-        network = {"security": {"keys": keys, "controller": security.controller, "roles": roles}}
+        network["security"] = {"keys": keys, "controller": security.controller, "roles": roles}
     robots = {found[0].robot: {"address": endpoint}}
     content = {"version": 1, "name": found[0].fleet, "robots": robots, "network": network}
     return Fleet(EALConfigManager.of(content, name=endpoint).fleet)

@@ -90,7 +90,7 @@ class RobotService:
             self._check_exclusive()
             keeper = SessionKeeper(self._name, self._config.network, lambda: robot_config(self._config, self._name))
             stack.callback(keeper.close)
-            self._host = RobotHost(self._config.name, keeper.open(), self._config.network, self._name).launch()
+            self._host = RobotHost(self._config.network_name, keeper.open(), self._config.network, self._name).launch()
             stack.callback(self._host.close, _CLOSE_S)
             stack.callback(self._close_server)
             self._serve(self._host)

@@ -14,6 +14,8 @@ from collections.abc import Callable
 from types import FrameType
 from typing import Final, NoReturn
 
+import eal_actors.wire.engine_exit  # noqa: F401  # its exit handler runs after this module's
+
 _SIGNALS: Final = (signal.SIGTERM, signal.SIGHUP)
 _actions: dict[Callable[[], None], None] = {}
 

@@ -34,7 +34,7 @@ from eal_actors.managers.fleet_model import (
 )
 from eal_actors.managers.map_check import map_problems
 from eal_actors.managers.network_check import network_problems
-from eal_actors.managers.network_model import network_config
+from eal_actors.managers.network_model import IDENTITY_VARIABLE, network_config
 from eal_actors.managers.pose_check import pose_problems
 
 
@@ -67,6 +67,7 @@ def _resolved(reader: _Reader, root: MarkedDict | None, source: Path) -> FleetCo
     if problems:
         raise ConfigError(tuple(problems))
     fleet = FleetFile.model_validate(root)
+    keys = _beside(YamlTree(root).mark_at(("network", "security", "keys")), "")
     return FleetConfig(
         name=fleet.name or source.stem,
         source=source,
@@ -75,7 +76,7 @@ def _resolved(reader: _Reader, root: MarkedDict | None, source: Path) -> FleetCo
         world=world,
         plugin_dirs=plugin_dirs,
         robots={name: robot_config(name, levels, types) for name, levels, types in merged},
-        network=network_config(fleet.network, _beside(YamlTree(root).mark_at(("network", "security", "keys")), "")),
+        network=network_config(fleet.network, keys, reader.environment.get(IDENTITY_VARIABLE)),
         content=plain(root),
         tree=YamlTree(root),
         python_steps=fleet.python_steps,
@@ -90,12 +91,13 @@ class _Reader:
     Attributes:
         problems: the problems found.
         sound: every file was found and every section is a mapping, so a missing key is really missing.
+        environment: values of `${NAME}`.
     """
 
     def __init__(self, environment: Mapping[str, str]) -> None:
         self.problems: list[Problem] = []
         self.sound = True
-        self._environment = environment
+        self.environment = environment
         self._read: dict[Path, MarkedDict | None] = {}
 
     def read(self, path: Path, including: tuple[Path, ...]) -> MarkedDict | None:
@@ -107,7 +109,7 @@ class _Reader:
 
     def _read_new(self, path: Path, chain: tuple[Path, ...]) -> MarkedDict | None:
         try:
-            tree = load_yaml(path, environment=self._environment)
+            tree = load_yaml(path, environment=self.environment)
         except ConfigError as error:
             self.problems += error.problems
             self.sound = False

@@ -26,6 +26,7 @@ from eal_actors.kernel.strict_model import NAMES_ONLY, Name, NameTemplate, Stric
 from eal_actors.kernel.yaml_tree import Mark, MarkedDict, YamlPath, YamlTree
 from eal_actors.managers.network_model import (
     DEFAULT_NETWORK,
+    IDENTITY_MARK,
     AddressText,
     EndpointText,
     NetworkConfig,
@@ -292,6 +293,12 @@ class FleetConfig:
     python_steps: tuple[str, ...] = ()
     operators: Mapping[str, OperatorSection] = field(default_factory=dict)
     map_path: Path | None = None
+
+    @property
+    def network_name(self) -> str:
+        """Its name in keys of the network: robots and controllers with another one do not hear each other."""
+        identity = self.network.identity
+        return self.name if identity is None else f"{self.name}{IDENTITY_MARK}{identity}"
 
 
 def robot_config(name: str, merged: MarkedDict, types: tuple[str, ...]) -> RobotConfig:

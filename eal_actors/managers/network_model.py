@@ -16,6 +16,10 @@ from eal_actors.kernel.suggestions import did_you_mean
 
 PROTOCOLS: Final = ("tcp", "tls", "quic", "udp")
 SECURE_PROTOCOLS: Final = ("tls", "quic")
+IDENTITY_VARIABLE: Final = "EAL_FLEET_IDENTITY"
+"""The environment variable that takes the place of a fleet's identity."""
+IDENTITY_MARK: Final = "~"
+"""Stands between the name of a fleet and its identity in keys of the network."""
 BEHIND_ROUTER: Final = "router"
 """The address of a robot that does not listen, but connects to the network's routers."""
 
@@ -141,8 +145,12 @@ class SecuritySection(StrictModel):
 class NetworkSection(StrictModel):
     """How controllers reach the robots that have an address."""
 
+    identity: Name | None = None
+    """Tells this fleet from others of the same name; $EAL_FLEET_IDENTITY takes its place."""
     lease_s: float = Field(default=2.0, ge=0.3, le=60.0)
     """Seconds of silence after which the other end of a connection counts as lost."""
+    lost_after_s: float | None = Field(default=None, ge=0.0, le=3600.0)
+    """Seconds after the loss of a robot until its step of a scenario fails; defaults to `lease_s`."""
     dead_man_s: float = Field(default=2.0, ge=0.1, le=60.0)
     """Seconds of silence of the controller after which a robot halts what it moves."""
     compression: bool = False
@@ -195,7 +203,9 @@ class NetworkConfig:
     """The network of a fleet.
 
     Attributes:
+        identity: tells the fleet from others of the same name, at the robots and at their controllers.
         lease_s: silence after which the other end of a connection counts as lost, in real seconds.
+        lost_after_s: real seconds from the loss of a robot until its step of a scenario fails; `lease_s` if None.
         dead_man_s: silence of the controller after which a robot halts what it moves, in real seconds.
         compression: whether all traffic is compressed.
         discovery: whether robots and routers answer a discovery by multicast.
@@ -210,15 +220,24 @@ class NetworkConfig:
     routers: tuple[str, ...] = ()
     security: SecurityConfig | None = None
     shared_memory: bool = True
+    identity: str | None = None
+    lost_after_s: float | None = None
 
 
 DEFAULT_NETWORK: Final = NetworkConfig()
 """The network of a fleet without a network section."""
 
 
-def network_config(section: NetworkSection, folder: Path) -> NetworkConfig:
-    """Build the network from its section; `folder` is that of the file that names the keys."""
+def network_config(section: NetworkSection, folder: Path, identity: str | None = None) -> NetworkConfig:
+    """Build the network from its section.
+
+    Args:
+        section: the section.
+        folder: the folder of the file that names the keys.
+        identity: the fleet's identity, if it is not that of the section.
+    """
     values = {name: getattr(section, name) for name in NetworkSection.model_fields}
+    values["identity"] = identity or section.identity
     if (security := section.security) is not None:
         grants = tuple(_grants(security.roles))
         values["security"] = SecurityConfig(folder / security.keys, security.controller, grants, security.roles.routers)

@@ -41,6 +41,10 @@ def log_entry_of(event: Mapping[str, Any]) -> LogEntry | None:
             return LogEntry(time_s, "error", source_of(record), text)
         case "robot_dropped":
             return LogEntry(time_s, "error", event["robot"], f"dropped: {event['error']['message']}")
+        case "robot_lost":
+            return LogEntry(time_s, "warning", event["robot"], f"lost: {event['error']['message']}")
+        case "robot_returned":
+            return LogEntry(time_s, "info", event["robot"], "is back")
         case "robot_replaced":
             text = f"replaced by {event['by']}: {event['error']['message']}"
             return LogEntry(time_s, "warning", source_of(event), text)

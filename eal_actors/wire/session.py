@@ -17,7 +17,7 @@ import re
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
@@ -25,6 +25,7 @@ from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER, DEFAULT_NETWORK, NetworkConfig, parse_endpoint
+from eal_actors.wire.engine_exit import close_at_exit
 from eal_actors.wire.format.packing import MAX_CALL_BYTES, MAX_ENVELOPE_BYTES, MAX_PAYLOAD_BYTES
 from eal_actors.wire.security.accept_guard import ROBOT_STRANGERS, ROUTER_STRANGERS, guarding, raise_file_limit
 from eal_actors.wire.security.access import controller_access, robot_access, router_access, tls_config
@@ -252,15 +253,15 @@ def open_session(config: dict[str, Any], timeout_s: float = 5.0) -> Iterator[zen
         raise_file_limit()
         with contextlib.suppress(AttributeError):  # another C library
             ctypes.CDLL(None).mallopt(_M_MMAP_THRESHOLD, _LARGE_BYTES)
-    session = _open(checked, config, timeout_s)
-    try:
+    with ExitStack() as stack:
+        session = _open(checked, config, timeout_s)
+        stack.callback(_close, session, config)
         listening = (parse_endpoint(text) for text in endpoints_of(config)[: len(config["listen"]["endpoints"])])
         most = ROUTER_STRANGERS if config["mode"] == "router" else ROBOT_STRANGERS
         ports = frozenset(endpoint.port for endpoint in listening)
-        with guarding(ports, most, lambda: list(_linked_addresses(session, ports))):
-            yield session
-    finally:
-        _close(session, config)
+        stack.enter_context(guarding(ports, most, lambda: list(_linked_addresses(session, ports))))
+        stack.callback(close_at_exit(stack.close))
+        yield session
 
 
 def _linked_addresses(session: zenoh.Session, ports: frozenset[int]) -> Iterator[str]:

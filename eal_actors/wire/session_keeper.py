@@ -26,6 +26,7 @@ from eal_actors.wire.format.messages import decode_call
 from eal_actors.wire.security.key_watch import WATCH_PERIOD_S, KeyWatch
 from eal_actors.wire.security.revocation import revoke
 from eal_actors.wire.session import open_session
+from eal_actors.wire.transport import Transport
 
 if TYPE_CHECKING:
     import zenoh
@@ -124,13 +125,13 @@ def router_session(fleet: FleetConfig | None, name: str, configure: Callable[[],
     """
     keeper = SessionKeeper(name, DEFAULT_NETWORK if fleet is None else fleet.network, configure)
     security = None if fleet is None else fleet.network.security
+    transports: list[Transport] = []  # of the open session
 
     def subscribe(session: zenoh.Session) -> None:
-        import zenoh
-
         if fleet is not None and security is not None:
-            handler = zenoh.handlers.Callback(partial(_store_revoked, security.keys), indirect=True)
-            session.declare_subscriber(keys.revoke_keys(fleet.name), handler)
+            store = partial(_store_revoked, security.keys)
+            transports[:] = [Transport(session)]
+            transports[0].receive(keys.revoke_keys(fleet.network_name), f"{name} revoked names", store)
 
     try:
         subscribe(keeper.open())

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Final
 from eal_actors.device.data import Payload
 from eal_actors.kernel.errors import error_text
 from eal_actors.kernel.log import get_logger
+from eal_actors.wire import engine_exit
 
 if TYPE_CHECKING:
     import zenoh
@@ -74,6 +75,8 @@ class Transport:
         """
         publisher = self._publishers.get(key)
         content = payload if type(payload) is bytes else bytes(payload)
+        if engine_exit.has_begun:
+            return False
         try:
             if publisher is not None and is_last and is_vital and not is_urgent:
                 publisher.put(content, attachment=envelope)
@@ -122,11 +125,12 @@ class Transport:
         def read() -> None:
             with contextlib.suppress(zenoh.ZError):  # it has ended
                 sample: zenoh.Sample | None = None
-                while True:
+                while not engine_exit.is_over:
                     if sample is None:
                         sample = channel.recv()
                     try:
-                        handle(sample)
+                        if not engine_exit.has_begun:
+                            handle(sample)
                     except Exception as error:  # noqa: BLE001  # one bad message must not end the thread
                         get_logger().exception("a message was not handled", key=key, error=error_text(error))
                     sample = channel.try_recv()  # keeps the interpreter's lock, which busy threads give up late

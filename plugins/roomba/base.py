@@ -25,6 +25,7 @@ from .predicted_wheels import Travel
 
 _MOST_OFF_M: Final = 0.04  # from the goal of a motion, the doubt about the travel included
 _MOST_OFF_RAD: Final = math.radians(3.5)
+_MOST_OFF_CHECKED_RAD: Final = math.radians(3.9)  # on a line with checksums, whose doubt is nearer to the truth
 _HEADING_RAD: Final = math.radians(1.5)  # a straight drive turns back if it is off by more
 _ASTRAY_RAD: Final = math.radians(4)  # a straight drive stops to turn back
 _TURN_BACK_RAD_S: Final = math.radians(30)
@@ -46,6 +47,7 @@ class RoombaBase(DifferentialBase):
         limits = 0.3, MAX_SPEED_MM_S / 1000, 90.0, MAX_TURN_RATE_DEG_S, BRAKE_M_S2, 0.17
         super().__init__(Drivetrain("roomba", roomba.wheelbase_m, *limits), context)
         self._roomba = roomba
+        self._most_off_rad = _MOST_OFF_CHECKED_RAD if roomba.has_checksums else _MOST_OFF_RAD
         self._in_motion = False
         self._twist_until_s: float | None = None
         self._twist_forward = False
@@ -154,7 +156,7 @@ class RoombaBase(DifferentialBase):
     def _check_goal(self, goal: MotionGoal, doubt_m: float, doubt_rad: float) -> None:
         """Raise ResourceFaultError if the robot may not stand at its goal."""
         off_m, off_rad = goal.off(self._roomba.latest().pose)
-        if off_m + doubt_m > _MOST_OFF_M or abs(off_rad) + doubt_rad > _MOST_OFF_RAD:
+        if off_m + doubt_m > _MOST_OFF_M or abs(off_rad) + doubt_rad > self._most_off_rad:
             raise ResourceFaultError(
                 f"it stands {off_m:.3f} m and {math.degrees(abs(off_rad)):.1f} degrees from the end of the motion, "
                 f"which may be wrong by {doubt_m:.3f} m and {math.degrees(doubt_rad):.1f} degrees: "
@@ -177,7 +179,8 @@ class RoombaBase(DifferentialBase):
 
     def _go(self, motion: TimedMotion, start_m: float, goal: MotionGoal, doubt: Travel) -> Activity:
         """Drive until the encoders have counted the motion's length; slow down before its end."""
-        progress, changed_s = MotionProgress(motion, start_m, self._roomba.clock.now()), -math.inf
+        begun_s, changed_s = self._roomba.clock.now(), -math.inf
+        progress = MotionProgress(motion, start_m, begun_s)
         while True:
             reading, now_s, lag_s = self._roomba.latest(), self._roomba.clock.now(), self._roomba.lag_s
             self._check_motion(forward=motion.goes_forward)
@@ -191,7 +194,8 @@ class RoombaBase(DifferentialBase):
             self.progress(1 - left_m / motion.length_m if motion.length_m else None)
             if left_m <= _AT_END_M or (motion.ahead and abs(goal.off(reading.pose)[1]) > _ASTRAY_RAD):
                 return
-            velocity_mm_s = motion.slower(_BLIND_M / max(lag_s, _LOOK_S)).velocity_mm_s(left_m)
+            most_m_s = min(_BLIND_M / max(lag_s, _LOOK_S), self._roomba.acceleration_m_s2 * (now_s - begun_s + _STEP_S))
+            velocity_mm_s = motion.slower(most_m_s).velocity_mm_s(left_m)
             if velocity_mm_s != progress.velocity_mm_s and now_s >= changed_s + _STEP_S / 2:
                 changed_s = now_s
                 yield from self._roomba.drive(self._roomba.wheels(*motion.wheels_mm_s(velocity_mm_s)))
@@ -207,7 +211,7 @@ class RoombaBase(DifferentialBase):
     def _check_doubt(self, before: Travel) -> None:
         """Raise ResourceFaultError if too much of the travel is not known."""
         doubt_m, doubt_rad = self._doubt(before, 0.0)
-        if doubt_m > _MOST_OFF_M or doubt_rad > _MOST_OFF_RAD:
+        if doubt_m > _MOST_OFF_M or doubt_rad > self._most_off_rad:
             raise ResourceFaultError(
                 "halted: readings were lost or damaged on their way, and with them what the wheels travelled, which "
                 f"may be wrong by {doubt_m:.3f} m and {math.degrees(doubt_rad):.1f} degrees"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Generator, Mapping
 from typing import ClassVar, Final
@@ -27,6 +28,7 @@ _DISOBEYED_S: Final = 0.3  # wheels that do not begin to turn meanwhile have not
 _DETECT_HIGH_S: Final = 0.1
 _DETECT_LOW_S: Final = 0.5
 _WAKE_UP_S: Final = 3.0
+_LOSSY_ACCELERATION_M_S2: Final = 0.3  # less than that of the wheels, so that a lost command or count matters little
 _FAREWELL_S: Final = 0.5
 _START: Final = bytes([Op.START])
 _STOPS_A_START: Final = 6
@@ -45,6 +47,10 @@ class RoombaDriver(Listener):
         name: the robot's name, for frames.
         wheelbase_m: nominal distance of its wheels.
 
+    Attributes:
+        has_checksums: whether the link has, so that it loses bytes but passes no wrong ones on.
+        acceleration_m_s2: of the commanded speeds of a motion; infinite on a link that loses little.
+
     Thread: any; one lock, which is never held during a wait.
     """
 
@@ -61,6 +67,8 @@ class RoombaDriver(Listener):
         self, link: RoombaLink, clock: Clock, mode: Mode, poll_hz: float, name: str, wheelbase_m: float
     ) -> None:
         super().__init__(link, clock, poll_hz, name, wheelbase_m)
+        self.has_checksums: Final = link.repeats > 1
+        self.acceleration_m_s2: Final = _LOSSY_ACCELERATION_M_S2 if self.has_checksums else math.inf
         self._wanted = mode
         self._mode = Mode.OFF  # as far as is known
         self._quiet_until_s = clock.now()

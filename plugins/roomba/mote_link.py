@@ -115,8 +115,11 @@ class MoteLink(PortLink):
     def _exchange(self) -> None:
         """Process the received bytes, and send the next packet if it is due."""
         self._reset_if_reopened()
-        for body in self._deframer.feed(bytes(self._port.read(_CHUNK_BYTES))):
+        data = bytes(self._port.read(_CHUNK_BYTES))
+        for body in self._deframer.feed(data):
             self._take(body)
+        if not data and (last := self._deframer.finish()) is not None:
+            self._take(last)
         if self._in_flight is None:
             self._send_next()
         elif self._clock.now() - self._sent_s >= self._ack_s:

@@ -12,6 +12,7 @@ _LEARNT_FACTOR: Final = 1.5
 _ALIKE: Final = 1.3  # a factor between two measurements that agree
 _TELLING_M: Final = 0.008  # a difference of travel that tells accelerations apart
 _MAX_SPEED_M_S: Final = 0.6
+_HEARD: Final = 0.3  # share of a change of speed that may be left when a count confirms its command
 ROUNDING_M: Final = 0.002  # of two counts in whole millimetres
 _MOST_COMMANDS: Final = 64
 
@@ -49,6 +50,23 @@ class Travel(NamedTuple):
 NOTHING: Final = Travel(0.0, 0.0)
 
 
+class Variant(NamedTuple):
+    """Another possible course of the wheels.
+
+    Attributes:
+        factor: of the acceleration.
+        late_s: delay of the commands.
+        is_deaf: whether the latest command that no count confirms was lost.
+    """
+
+    factor: float = 1.0
+    late_s: float = 0.0
+    is_deaf: bool = False
+
+
+LIKELY: Final = Variant()
+
+
 class PredictedWheels:
     """Predicts the travel of the wheels from their speeds at a time, and the commands since then.
 
@@ -79,6 +97,8 @@ class PredictedWheels:
 
         If the last one has come, it has most likely come at the second time, and those before it have not.
         """
+        if until_s - since_s < abs(self._late_s) and until_s > self._at_s:
+            return
         self._late_s = until_s - since_s
         if has_come and self._late_s > 0 and self._commands[-1][0] >= since_s:
             before = [command for command in self._commands if command[0] < since_s]
@@ -92,58 +112,70 @@ class PredictedWheels:
 
     def restart(self, at_s: float, speeds_m_s: tuple[float, float]) -> None:
         """Set the speeds at a time."""
-        self._at_s = at_s
+        self._at_s, self._late_s = at_s, 0.0
         left_m_s, right_m_s = (max(-_MAX_SPEED_M_S, min(_MAX_SPEED_M_S, speed)) for speed in speeds_m_s)
         self._speeds_m_s = left_m_s, right_m_s
-        while len(self._commands) > 1 and self._commands[1][0] <= at_s:
+        while len(self._commands) > 1 and self._commands[1][0] <= at_s and self._is_heard():
             self._commands.popleft()
 
-    def predict(self, from_s: float, to_s: float, factor: float = 1.0, late_s: float = 0.0) -> Travel:
-        """Return the travel between two times.
+    def _is_heard(self) -> bool:
+        """Return whether the speeds confirm the second command, or a later one followed it."""
+        if len(self._commands) > 2 and self._commands[2][0] <= self._at_s:
+            return True
+        before, after = self._commands[0][1], self._commands[1][1]
+        return all(
+            abs(speed - end) <= _HEARD * abs(end - start)
+            for speed, start, end in zip(self._speeds_m_s, before, after, strict=True)
+        )
 
-        Args:
-            from_s: the first time.
-            to_s: the second time.
-            factor: of the acceleration.
-            late_s: delay of the commands.
-        """
+    def predict(self, from_s: float, to_s: float, variant: Variant = LIKELY) -> Travel:
+        """Return the travel between two times."""
         left, right = (
-            self._moved(wheel, to_s, factor, late_s)[0] - self._moved(wheel, from_s, factor, late_s)[0]
-            for wheel in (0, 1)
+            self._moved(wheel, to_s, variant)[0] - self._moved(wheel, from_s, variant)[0] for wheel in (0, 1)
         )
         return Travel.of_wheels(left, right)
 
     def speeds_m_s(self, at_s: float) -> tuple[float, float]:
         """Return the predicted speeds at a time."""
-        left, right = (self._moved(wheel, at_s, 1.0, 0.0)[1] for wheel in (0, 1))
+        left, right = (self._moved(wheel, at_s, LIKELY)[1] for wheel in (0, 1))
         return left, right
 
+    def most_m_s(self, moved_m: float, duration_s: float) -> float:
+        """Return the highest speed of a wheel at the end of a counted travel, if it never slowed down."""
+        moved_m, gain_m_s = abs(moved_m) + ROUNDING_M / 4, self.acceleration_m_s2 * duration_s
+        from_rest_m_s = math.sqrt(2 * self.acceleration_m_s2 * moved_m)
+        return from_rest_m_s if from_rest_m_s <= gain_m_s else moved_m / duration_s + gain_m_s / 2
+
     @property
-    def variants(self) -> tuple[tuple[float, float], ...]:
-        """The accelerations that are possible, as factors, and the delays of commands."""
+    def variants(self) -> tuple[Variant, ...]:
+        """The accelerations that are possible, and the delays of commands."""
         delay_s = self._late_s if abs(self._late_s) > self._delay_s else self._delay_s
         less, root = 1 / self.factor, math.sqrt(self.factor)
         return (
-            (self.factor, 0.0),
-            (root, 0.0),
-            (less, 0.0),
-            (1 / root, 0.0),
-            (1.0, delay_s),
-            (root, delay_s),
+            Variant(self.factor),
+            Variant(root),
+            Variant(less),
+            Variant(1 / root),
+            Variant(late_s=delay_s),
+            Variant(root, delay_s),
+            Variant(is_deaf=True),
         )
 
     def unknown(self, from_s: float, to_s: float) -> Travel:
         """Return by how much another acceleration, or a late command, changes a predicted travel."""
         likely = self.predict(from_s, to_s)
-        others = [self.predict(from_s, to_s, factor, late_s) for factor, late_s in self.variants[::2]]
+        others = [self.predict(from_s, to_s, variant) for variant in self.variants[:5:2]]
         return Travel(*(max(abs(other[place] - value) for other in others) for place, value in enumerate(likely)))
 
-    def _moved(self, wheel: int, until_s: float, factor: float, late_s: float) -> tuple[float, float]:
+    def _moved(self, wheel: int, until_s: float, variant: Variant) -> tuple[float, float]:
         """Return one wheel's travel since the start, and its speed then."""
-        acceleration_m_s2 = factor * self.acceleration_m_s2
+        acceleration_m_s2 = variant.factor * self.acceleration_m_s2
         at_s, speed_m_s, moved_m = self._at_s, self._speeds_m_s[wheel], 0.0
-        ends = [*(time_s + late_s for time_s, _ in self._commands), math.inf][1:]
-        for (_, target), end_s in zip(self._commands, ends, strict=True):
+        ends = [*(time_s + variant.late_s for time_s, _ in self._commands), math.inf][1:]
+        targets = [target for _, target in self._commands]
+        if variant.is_deaf:
+            targets = [targets[0], *targets[:-1]]
+        for target, end_s in zip(targets, ends, strict=True):
             duration_s = min(end_s, until_s) - at_s
             if duration_s <= 0:
                 continue
@@ -186,7 +218,7 @@ class AccelerationGauge:
             return
         self._counted = self._counted.plus(counted)
         factors = [2.0 ** (power / 4) for power in range(-7, 8)]
-        travels = [self._model.predict(self._since_s, now_s, factor) for factor in factors]
+        travels = [self._model.predict(self._since_s, now_s, Variant(factor)) for factor in factors]
         place = max((0, 1), key=lambda place: abs(travels[-1][place] - travels[0][place]))
         if abs(travels[-1][place] - travels[0][place]) < 4 * _TELLING_M:
             return

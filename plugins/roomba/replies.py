@@ -20,7 +20,7 @@ QUIET_S: Final = 0.003
 _SMOOTHING: Final = 0.125
 _USUAL: Final = 2  # a delay up to this many usual ones is usual
 _UNUSUAL_S: Final = 0.005
-_DELAYS: Final = 4  # time limit of a reply, in usual delays
+_DELAYS: Final = 4.0
 _GROWTH: Final = 1.5
 _LONGEST_S: Final = 1.0
 _MOST_REQUESTS: Final = 16
@@ -93,16 +93,17 @@ class ReplyReader:
         most_s: time limit of the first reply; later ones follow the measured delay.
         least_s: the shortest time limit.
         gap_s: the longest silence within a reply.
+        delays: time limit of a reply, in usual delays.
 
     Attributes:
         latest: the latest request.
         delay_s: usual time from a request to its reply; 0 until it is known.
     """
 
-    def __init__(self, most_s: float, least_s: float, gap_s: float) -> None:
+    def __init__(self, most_s: float, least_s: float, gap_s: float, delays: float = _DELAYS) -> None:
         self.delay_s = 0.0
         self._is_measured = False
-        self._least_s, self._gap_s = least_s, gap_s
+        self._least_s, self._gap_s, self._delays = least_s, gap_s, delays
         self._limit_s = most_s
         self._held = bytearray()
         self._byte_s = 0.0
@@ -183,7 +184,7 @@ class ReplyReader:
         share = _SMOOTHING if self._is_measured and delay_s <= _USUAL * self.delay_s else 1.0
         self._is_measured = True
         self.delay_s += share * (delay_s - self.delay_s)
-        self._limit_s = min(max(self._least_s, _DELAYS * self.delay_s), _LONGEST_S)
+        self._limit_s = min(max(self._least_s, self._delays * self.delay_s), _LONGEST_S)
 
     def awaits_others(self, now_s: float) -> bool:
         """Return whether other requests may still be answered; then nothing may be asked."""

@@ -23,12 +23,13 @@ from .replies import Reply, ReplyReader, ReplyState
 from .sci import CLOCKWISE, COUNTER_CLOCKWISE, MAX_RADIUS_MM, STRAIGHT, WHEELBASE_M, Mode, Op
 from .travel import TravelJudge
 
-_LIMITS_S: Final = (0.2, 0.05, 0.03)  # of the first reply, of any reply, and of a silence within one
-_LOSSY_LIMITS_S: Final = (0.1, 0.06, 0.1)
+_LIMITS: Final = (0.2, 0.05, 0.03)  # in s: of the first reply, of any reply, and of a silence within one
+_LOSSY_LIMITS: Final = (0.1, 0.03, 0.1, 2.5)  # the last in usual delays
 _DELAY_S: Final = 0.02  # of a command
-_LOSSY_DELAY_S: Final = 0.06
+_LOSSY_DELAY_S: Final = 0.03
 _PERIOD_IN_MOTION_S: Final = 0.04
 _LOSSY_PERIOD_IN_MOTION_S: Final = 0.1  # so that counts tell which requests were lost
+_POLL_IN_MOTION_S: Final = 0.05  # of what does not reset the counts
 _EARLY: Final = 0.9  # share of the period after which a poll counts as due
 _REREAD_S: Final = 0.05  # until a reading in doubt is repeated; the wheels have turned measurably by then
 _ALL, _CONTACTS, _CONTROLS, _POWER = 0, 1, 2, 3  # sensor groups
@@ -54,10 +55,10 @@ class SciDriver(RoombaDriver):
 
     def __init__(self, link: RoombaLink, clock: Clock, mode: Mode, poll_hz: float, name: str) -> None:
         super().__init__(link, clock, mode, poll_hz, name, WHEELBASE_M)
-        limits_s, delay_s = (_LOSSY_LIMITS_S, _LOSSY_DELAY_S) if link.repeats > 1 else (_LIMITS_S, _DELAY_S)
-        self._motion_period_s = _LOSSY_PERIOD_IN_MOTION_S if link.repeats > 1 else _PERIOD_IN_MOTION_S
-        self._replies = ReplyReader(*limits_s)
-        self._judge = TravelJudge(delay_s)
+        limits, delay_s = (_LOSSY_LIMITS, _LOSSY_DELAY_S) if self.has_checksums else (_LIMITS, _DELAY_S)
+        self._motion_period_s = _LOSSY_PERIOD_IN_MOTION_S if self.has_checksums else _PERIOD_IN_MOTION_S
+        self._replies = ReplyReader(*limits)
+        self._judge = TravelJudge(delay_s, is_checked=self.has_checksums)
         self._fault: str | None = None
         self._power: PowerGroup | None = None
         self._unusual: PowerGroup | None = None
@@ -100,7 +101,8 @@ class SciDriver(RoombaDriver):
     @override
     def _longest_period_s(self) -> float:
         """A lost reply loses its travel, so replies must be frequent while the wheels turn."""
-        return self._motion_period_s if any(self._commanded_m_s) or self._must_stand else math.inf
+        moves = any(self._commanded_m_s) or self._must_stand
+        return min(self._motion_period_s, _POLL_IN_MOTION_S) if moves else math.inf
 
     @override
     def _note_wheels(self, left_m_s: float, right_m_s: float) -> None:
@@ -119,7 +121,9 @@ class SciDriver(RoombaDriver):
             return (yield from self._exchange(_ALL))
         if now_s - self._power_s > _POWER_PERIOD_S:
             yield from self._exchange(_POWER)
-        is_good = yield from self._exchange(_CONTACTS)
+        is_good = False
+        if self.is_due(self._contacts_s + _EARLY * self._motion_period_s / 2):
+            is_good = yield from self._exchange(_CONTACTS)
         if self.is_due(self._travel_s + _EARLY * self._motion_period_s):
             is_good = yield from self._exchange(_CONTROLS)
         return is_good
@@ -149,6 +153,7 @@ class SciDriver(RoombaDriver):
                 return self._quiet_until_s - self.clock.now()
             now_s = self.clock.now()
             self._take_bytes(self._link.receive())  # a late reply contains travel too
+            self._note_delay()
             self._link.ask(sci.ask_sensors(group))
             self._replies.ask(group, now_s)
             if group in _TRAVEL:
@@ -176,8 +181,10 @@ class SciDriver(RoombaDriver):
                 self._judge.ask(self._replies.latest.asked_s)
             return
         self._lost_count += 1
+        if self.has_checksums and group in _TRAVEL:
+            self._travel_s = -math.inf  # a count soon after tells whether this request was lost, or its reply
         self._must_repeat |= self._lost_count > 1
-        if self._link.repeats == 1 and group in _TRAVEL:  # a cable does not lose whole replies: it was not asked
+        if not self.has_checksums and group in _TRAVEL:  # a cable does not lose whole replies: it was not asked
             self._judge.withdraw()
 
     def _take_replies(self) -> bool:
@@ -201,8 +208,7 @@ class SciDriver(RoombaDriver):
         Raises:
             DataError: no Roomba sends this.
         """
-        since_s, until_s = self._link.unsure_s
-        self._judge.model.delay(since_s, min(until_s, self.clock.now()), has_come=until_s < math.inf)
+        self._note_delay()
         if reply.group == _CONTACTS:
             self._contacts, self._contacts_s = Contacts.decode(reply.data), reply.asked_s
             return True
@@ -215,6 +221,11 @@ class SciDriver(RoombaDriver):
         self._take_power(sensors.power, reply)
         self._contacts, self._contacts_s = sensors.contacts, reply.asked_s
         return self._take_controls(sensors.controls, reply)
+
+    def _note_delay(self) -> None:
+        """Note by how much the latest commands may have come late."""
+        since_s, until_s = self._link.unsure_s
+        self._judge.model.delay(since_s, min(until_s, self.clock.now()), has_come=until_s < math.inf)
 
     def _take_power(self, power: PowerGroup, reply: Reply) -> None:
         """Take what a reply says of the battery; a sudden change must be said twice.

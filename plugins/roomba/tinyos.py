@@ -76,6 +76,19 @@ class Deframer:
                 self._hold(byte)
         return bodies
 
+    def finish(self) -> bytes | None:
+        """Return the body of a whole frame whose closing flag is lost, when the line is silent; else None.
+
+        The opening flag of a later frame would complete it, and it would pass for the answer to a later question.
+        """
+        held = bytes(self._held)
+        body, received = held[:-_CRC_BYTES], held[-_CRC_BYTES:]
+        if self._is_lost or self._is_escaped or not body or received != struct.pack("<H", crc(body)):
+            return None
+        self._held.clear()
+        self._is_lost = True  # until the next flag
+        return body
+
     def _hold(self, byte: int) -> None:
         if byte == ESCAPE and not self._is_escaped:
             self._is_escaped = True

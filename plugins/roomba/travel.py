@@ -23,6 +23,7 @@ _UNCERTAIN: Final = 0.03  # share of a predicted travel
 _UNSURE: Final = 0.02  # the same where nothing was counted
 _UNKNOWN: Final = 0.6  # share of the effect of another acceleration that a count may show
 _UNCOMMANDED: Final = 8.0  # travel that was lost, per travel that was counted, of wheels that should stand
+_WORSE: Final = 0.6  # misfit by which an explanation is too unlikely, if no byte can be damaged
 _SMOOTHING_S: Final = 0.03
 _MOST_REQUESTS: Final = 8
 
@@ -63,14 +64,16 @@ class TravelJudge:
 
     Args:
         delay_s: by which a command may come late.
+        is_checked: whether the line has checksums, so that no command is damaged.
 
     Attributes:
         model: of the wheels.
         doubt: bound of the error of the total travel; it only grows.
     """
 
-    def __init__(self, delay_s: float) -> None:
+    def __init__(self, delay_s: float, *, is_checked: bool = False) -> None:
         self.model = PredictedWheels(delay_s)
+        self._is_checked = is_checked
         self.doubt = NOTHING
         self._counted_s = -math.inf
         self._late_s = 0.0
@@ -112,19 +115,21 @@ class TravelJudge:
         fits = self._as_true(asked_s, jitter_s, counted) if self._suspect else []
         since_s = self._suspect.asked_s if self._suspect else self._counted_s
         fits += [self.explain(start_s, asked_s, jitter_s, counted) for start_s in self._starts(since_s, asked_s)]
-        fitting = [fit for fit in fits if fit.misfit <= 1.0]
-        if not fitting:
+        best = min(fits, key=lambda fit: fit.misfit)
+        if best.misfit > 1.0:
             return self._doubt_it(asked_s, jitter_s, counted)
-        best = min(fitting, key=lambda fit: fit.misfit)
-        others = [other.travel.plus(best.travel, -1.0) for other in fitting]
+        most_misfit = min(1.0, best.misfit + _WORSE) if self._is_checked else 1.0
+        travels = [fit.travel for fit in fits if fit.misfit <= most_misfit]
+        least, most = (Travel(*map(choose, zip(*travels, strict=True))) for choose in (min, max))
+        travel = least.plus(most).scaled(0.5)
         self._add_doubt(best.doubt)
-        self._add_doubt(Travel(max(abs(other.ahead_m) for other in others), max(abs(other.arc_m) for other in others)))
+        self._add_doubt(most.plus(least, -1.0).scaled(0.5))
         if self._suspect is None and len(fits) == 1:
             self._gauge.add(counted, asked_s, self.model)
         else:
             self._gauge.cancel()
         self._accept(asked_s, self._speeds_m_s(best.travel, self._counted_s, asked_s, jitter_s), jitter_s)
-        return Judgement(best.travel)
+        return Judgement(travel)
 
     def _speeds_m_s(self, travel: Travel, since_s: float, until_s: float, jitter_s: float = 0.0) -> tuple[float, float]:
         """Return the likely speeds of the wheels at the end of a travel that may have been counted later."""
@@ -135,7 +140,13 @@ class TravelJudge:
             + (moved_m - sorted((prompt[wheel], moved_m, late[wheel]))[1]) / (until_s - since_s + _SMOOTHING_S)
             for wheel, moved_m in enumerate(travel.wheels_m)
         )
-        return left_m_s, right_m_s
+        most_left_m_s, most_right_m_s = (
+            self.model.most_m_s(moved_m, until_s - since_s + jitter_s) for moved_m in travel.wheels_m
+        )
+        return (
+            max(-most_left_m_s, min(most_left_m_s, left_m_s)),
+            max(-most_right_m_s, min(most_right_m_s, right_m_s)),
+        )
 
     def _starts(self, since_s: float, until_s: float) -> Sequence[float]:
         """Return when the counts may have been reset for the last time before a request."""
@@ -152,19 +163,28 @@ class TravelJudge:
         if start_s <= self._counted_s:
             return Explanation(misfit, missing.plus(counted), NOTHING)
         likely = [missing, self.model.predict(min(self._counted_s + self._late_s, start_s), start_s)]
-        for factor, late_s in self.model.variants:
-            whole = self.model.predict(self._counted_s, asked_s, factor, late_s)
-            before = self.model.predict(self._counted_s, start_s, factor, late_s)
+        for variant in self.model.variants:
+            whole = self.model.predict(self._counted_s, asked_s, variant)
+            before = self.model.predict(self._counted_s, start_s, variant)
             since = whole.plus(before, -1.0)
             tolerance = self._tolerance(since, asked_s)
             if all(abs(since[place] - counted[place]) < tolerance[place] for place in (0, 1)):
                 likely.append(before)
+        if max(map(abs, counted)) < ROUNDING_M and not self._is_checked:
+            likely.append(NOTHING)  # it may have stood before, too
         least, most = (Travel(*map(choose, zip(*likely, strict=True))) for choose in (min, max))
         doubt = most.plus(least, -1.0).scaled(0.5).plus(Travel(*(_UNSURE * abs(value) for value in missing)))
-        if max(map(abs, counted)) < ROUNDING_M:  # it may have stood before, too
-            doubt = doubt.plus(Travel(*(abs(value) / 2 for value in missing)))
-        elif max(map(abs, self.model.predict(start_s, asked_s))) < ROUNDING_M / 2:  # it turns against its command
-            doubt = doubt.plus(Travel(*(_UNCOMMANDED * abs(value) for value in counted)))
+        if self._is_checked:
+            return Explanation(misfit, least.plus(most).scaled(0.5).plus(counted), doubt)
+        predicted = self.model.predict(start_s, asked_s)
+        stands = max(map(abs, predicted)) < ROUNDING_M / 2 > max(map(abs, missing))  # a rest of it may be rounded up
+        uncommanded = Travel(
+            *(
+                _UNCOMMANDED * abs(value) if stands or (abs(value) >= ROUNDING_M > 2 * abs(likely_m)) else 0.0
+                for value, likely_m in zip(counted, predicted, strict=True)
+            )
+        )
+        doubt = doubt.plus(uncommanded)  # a damaged command has set it going
         return Explanation(misfit, least.plus(most).scaled(0.5).plus(counted), doubt)
 
     def _unsure(self, missing: Travel, until_s: float) -> Travel:
@@ -201,7 +221,8 @@ class TravelJudge:
             if not self._is_within_reach(suspect.counted, suspect.asked_s - first_s + suspect.jitter_s):
                 continue
             missing = self.model.predict(self._counted_s, first_s)
-            unknown = Travel(*map(abs, missing))  # it may have disobeyed before, too
+            most_m = max(map(abs, missing))
+            unknown = Travel(most_m, most_m)  # it may have disobeyed before, too, and turned
             if starts == [suspect.asked_s]:
                 both, late_s = suspect.counted.plus(counted), max(jitter_s, suspect.jitter_s)
                 fits.append(

@@ -10,7 +10,7 @@ Thread: every member of the classes is for the holder of the world's lock.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
@@ -19,7 +19,8 @@ import pymunk
 from eal_actors.device.proximity import ProximityObserver
 from eal_actors.device.world import WorldModel
 
-from .arena import Pose2D, QuerySpace, add_solids, corners, distances_to_drops_m
+from .arena import Pose2D, QuerySpace, add_solids, distances_to_drops_m
+from .boxes import SimBox
 from .free_robots import FreeRobots
 from .models import MAKES
 from .robot import SimRobot
@@ -34,59 +35,12 @@ _SUBSTEPS: Final = 10
 
 _SLOP_M: Final = 0.0005  # how far shapes may overlap before they are pushed apart
 _ROBOT_FRICTION: Final = 0.3
-_BOX_FRICTION: Final = 0.3
-_GRAVITY_M_S2: Final = 9.81
-_REST_M_S: Final = 1e-4
 _FREE_M: Final = 1e-9  # rounding: a robot that the engine moved as predicted touched nothing
 _SEARCH_M: Final = 1.0  # search radius around a robot
 _RECEDES_M: Final = 1e-9  # an approach by less than this is no contact
 _ROWS: Final = 32  # of a table of distances, computed at once: more would not fit a processor's cache
 _WIDEST_M: Final = max(make.radius_m for make in MAKES.values())
 _FASTEST_M_S: Final = 1.2 * max(make.max_speed_m_s for make in MAKES.values())  # with wheel errors and pushed boxes
-
-
-class SimBox:
-    """A movable box.
-
-    Args:
-        world: the world.
-        number: index among the world's boxes, from 0.
-        space: its physics space.
-
-    Attributes:
-        name: from the world file.
-        model: its part of the world file.
-    """
-
-    def __init__(self, world: WorldModel, number: int, space: pymunk.Space) -> None:
-        self.model = model = world.boxes[number]
-        self.name = model.name
-        body = pymunk.Body(model.mass_kg, pymunk.moment_for_box(model.mass_kg, model.size_m))
-        body.position, body.angle = (model.x_m, model.y_m), math.radians(model.yaw_deg)
-        shape = pymunk.Poly(body, corners(model.size_m))
-        shape.friction = _BOX_FRICTION
-        pivot = pymunk.PivotJoint(space.static_body, body, (0.0, 0.0), (0.0, 0.0))
-        gear = pymunk.GearJoint(space.static_body, body, 0.0, 1.0)
-        pivot.max_bias = gear.max_bias = 0.0  # the joints are floor friction and must not pull it back
-        pivot.max_force = model.friction * model.mass_kg * _GRAVITY_M_S2
-        gear.max_force = pivot.max_force * math.hypot(*model.size_m) / 4
-        space.add(body, shape, pivot, gear)
-        self._body = body
-
-    @property
-    def pose(self) -> Pose2D:
-        """Its centre's x and y in metres and its yaw in radians, unwrapped, in the world's frame."""
-        return *self._body.position, self._body.angle
-
-    @property
-    def is_moving(self) -> bool:
-        """Whether it slides or turns."""
-        reach_m = math.hypot(*self.model.size_m) / 2
-        return bool(self._body.velocity.length + abs(self._body.angular_velocity) * reach_m > _REST_M_S)
-
-    def rest(self) -> None:
-        """Set its velocity to exactly 0."""
-        self._body.velocity, self._body.angular_velocity = (0.0, 0.0), 0.0
 
 
 class _PushingBody:
@@ -108,7 +62,8 @@ class _PushingBody:
         pivot.max_bias = gear.max_bias = 0.0  # the wheels do not make up for travel lost at a wall
         pivot.max_force = make.push_n
         gear.max_force = make.push_n * make.track_m / 2
-        self.parts: list[_Part] = [self._control, self.body, _disc(robot, self.body), pivot, gear]
+        self.disc = _disc(robot, self.body)
+        self.parts: list[_Part] = [self._control, self.body, self.disc, pivot, gear]
         space.add(*self.parts)
         self.command(robot)
         self.body.velocity, self.body.angular_velocity = self._control.velocity, self._control.angular_velocity
@@ -132,18 +87,25 @@ class ContactEngine:
     Args:
         model: the world.
         tick_s: length of a physics tick.
+        on_contact: called with the name of a robot and that of what it begins to touch.
 
     Attributes:
         boxes: the movable boxes.
         space: the engine's space; queried only to decide which robots push.
     """
 
-    def __init__(self, model: WorldModel, tick_s: float) -> None:
+    def __init__(
+        self, model: WorldModel, tick_s: float, on_contact: Callable[[str, str], object] = lambda *_: None
+    ) -> None:
         self._tick_s = tick_s
+        self._on_contact = on_contact
         self.space = pymunk.Space()
         self.space.collision_slop = _SLOP_M
-        add_solids(self.space, model)
+        self.space.on_collision(begin=self._report_contact)
+        self._names = add_solids(self.space, model)
         self.boxes = tuple(SimBox(model, number, self.space) for number in range(len(model.boxes)))
+        self._names.update({box.shape: f"box {box.name}" for box in self.boxes})
+        self._discs: dict[pymunk.Shape, str] = {}
         self._standing: dict[SimRobot, list[_Part]] = {}
         self._pushing: dict[SimRobot, _PushingBody] = {}
 
@@ -152,21 +114,34 @@ class ContactEngine:
         """Whether anything in it may move in the next tick."""
         return bool(self._pushing) or any(box.is_moving for box in self.boxes)
 
+    def _report_contact(self, arbiter: pymunk.Arbiter, _space: pymunk.Space, _data: object) -> None:
+        """Report a contact that begins in a step of the engine, if a robot is part of it."""
+        for one, other in (arbiter.shapes, reversed(arbiter.shapes)):
+            if (robot := self._discs.get(one)) is not None:
+                self._on_contact(robot, self._discs.get(other) or self._names.get(other, "something"))
+                return
+
     def settle(self, robot: SimRobot) -> None:
         """Make a robot stand: nothing moves it, not even a rounding error."""
         self.release(robot)
         body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
         body.position = robot.pose[:2]
-        parts: list[_Part] = [body, _disc(robot, body)]
+        disc = _disc(robot, body)
+        parts: list[_Part] = [body, disc]
         self.space.add(*parts)
         self._standing[robot] = parts
+        self._discs[disc] = robot.name
 
     def release(self, robot: SimRobot) -> None:
         """Take a robot out of the engine: it drives freely."""
-        if parts := self._standing.pop(robot, None):
-            self.space.remove(*parts)
+        removed = self._standing.pop(robot, [])
         if body := self._pushing.pop(robot, None):
-            self.space.remove(*body.parts)
+            removed = [*removed, *body.parts]
+        if removed:
+            self.space.remove(*removed)
+        for part in removed:
+            if isinstance(part, pymunk.Shape):
+                del self._discs[part]
 
     def run_tick(self, pushing: Iterable[SimRobot]) -> dict[SimRobot, Pose2D]:
         """Step the engine by one tick; return the poses of the pushing robots after it."""
@@ -177,7 +152,8 @@ class ContactEngine:
             if body := self._pushing.get(robot):
                 body.command(robot)
             else:
-                self._pushing[robot] = _PushingBody(robot, self.space)
+                self._pushing[robot] = body = _PushingBody(robot, self.space)
+                self._discs[body.disc] = robot.name
         if not self.is_awake:
             return {}
         for _ in range(_SUBSTEPS):

@@ -13,19 +13,24 @@ from typing import Final, TypeAlias
 
 import pymunk
 
-from eal_actors.device.proximity import ProximityObserver
+from eal_actors.device.proximity import Contact, ProximityObserver
 from eal_actors.device.world import WorldModel
 from eal_actors.plugin import ArgumentError, Clock, FleetServices, PluginError, UnavailableError, WheelCalibration
 
 from .arena import Pose2D, QuerySpace, is_on_floor, places
+from .boxes import SimBox
 from .free_robots import LEAST_WORK, MOST_TICKS, FreeRobots
 from .models import Make
 from .motion import NOMINAL, WheelMotion
-from .physics import ContactEngine, ContactSearch, ProximityReporter, SimBox
+from .physics import ContactEngine, ContactSearch, ProximityReporter
 from .robot import REPORT_TICKS, SimRobot
 from .velocity_drive import VelocityDrive
 
 __all__ = ["EMPTY_ROOM", "SimBox", "SimWorld", "world_of"]
+
+_SAME_S: Final = 1.0
+"""Time within which a repeated contact counts as the same one."""
+_MAX_CONTACTS: Final = 1000
 
 EMPTY_ROOM: Final = WorldModel(version=1, name="empty-room", size_m=(6.0, 4.0))
 
@@ -60,7 +65,12 @@ class SimWorld:
     """
 
     def __init__(
-        self, clock: Clock, seed: int = 0, model: WorldModel | None = None, observer: ProximityObserver | None = None
+        self,
+        clock: Clock,
+        seed: int = 0,
+        model: WorldModel | None = None,
+        observer: ProximityObserver | None = None,
+        contacts: list[Contact] | None = None,
     ) -> None:
         self.model: Final = model or EMPTY_ROOM
         self._clock = clock
@@ -79,7 +89,9 @@ class SimWorld:
         self._free = FreeRobots(self.tick_s)
         self._tick_callbacks: list[TickCallback] = []
         self._groups = count(1)
-        self._engine = ContactEngine(self.model, self.tick_s)
+        self.contacts: Final[list[Contact]] = [] if contacts is None else contacts
+        self._touched_s: dict[frozenset[str], float] = {}  # when each pair has touched the last time
+        self._engine = ContactEngine(self.model, self.tick_s, self._note_contact)
         self._contacts = ContactSearch(self._engine, self.tick_s)
         self._queries = QuerySpace(self.model)
         for box in self._engine.boxes:
@@ -87,6 +99,14 @@ class SimWorld:
         self._proximity = (
             ProximityReporter(self.model, self._queries, observer, self.tick_s) if observer is not None else None
         )
+
+    def _note_contact(self, robot: str, other: str) -> None:
+        """Note a contact that begins, unless the same two have touched a moment before."""
+        pair, now_s = frozenset((robot, other)), self._now_s()
+        last_s = self._touched_s.get(pair, -math.inf)
+        self._touched_s[pair] = now_s
+        if now_s > last_s + _SAME_S and len(self.contacts) < _MAX_CONTACTS:
+            self.contacts.append(Contact(now_s, robot, other))
 
     @property
     def robots(self) -> tuple[SimRobot, ...]:
@@ -374,5 +394,6 @@ class _WorldLock:
 def world_of(services: FleetServices) -> SimWorld:
     """Return the one world of a fleet. Thread: any."""
     return services.shared(
-        "sim.world", lambda: SimWorld(services.clock, services.seed, services.world, services.proximity_observer)
+        "sim.world",
+        lambda: SimWorld(services.clock, services.seed, services.world, services.proximity_observer, services.contacts),
     )

@@ -89,6 +89,16 @@ def test_the_default_deadline_follows_the_length_of_a_motion(fleet: Fleet) -> No
         base.send_cmd("f4", timeout_s=10.0).get()
 
 
+def test_the_default_deadline_follows_the_speed_that_is_set(fleet: Fleet) -> None:
+    base = fleet["robot1"]["Base"]
+    assert base.set_config("speed_m_s", 0.05).get() == 1
+    started_s = fleet.clock.now()
+    assert base.send_cmd("f2").get() == 1
+    assert fleet.clock.now() - started_s > 2 / 0.05  # more than at the usual speed, with its allowance
+    base.set_config("speed_m_s", 0.3).get()
+    assert base.info.takes_s("f2") == pytest.approx(2 * 2 / 0.3)
+
+
 @pytest.mark.parametrize(
     ("command", "takes_s"), [("f3", 20.0), ("l90", 2.0), ("r-90", 2.0), ("f", 0.0), ("g", 0.0), ("fast", 0.0)]
 )

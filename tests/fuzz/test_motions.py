@@ -11,14 +11,18 @@ from dataclasses import replace
 import pytest
 
 from tests.fuzz.drivers import DRIVERS
-from tests.fuzz.motions import FuzzedRobot, FuzzTable, Motion, fuzz
+from tests.fuzz.motions import FuzzedDriver, FuzzedRobot, FuzzTable, Motion, fuzz
 from tests.fuzz.noisy_wire import Line, Noise
 
 SEED = 1
 LONG = 10_000
 LOSS = Noise(0.01, ("drop",))
-SURVIVORS = {"roomba-sci-cable": 90, "roomba-oi-cable": 90, "roomba-sci-mote": 70}
+SURVIVORS = {"roomba-sci-cable": 95, "roomba-oi-cable": 95, "roomba-sci-mote": 95}
 """Motions of 100 that survive at least. The others fail with an error, and the robot stands."""
+
+
+def _polled(name: str, poll_hz: int) -> FuzzedDriver:
+    return replace(DRIVERS[name], settings={**DRIVERS[name].settings, "poll_hz": poll_hz})
 
 
 def _check(table: FuzzTable) -> None:
@@ -38,6 +42,17 @@ def test_damaged_bytes_never_become_a_wrong_motion(name: str) -> None:
     _check(fuzz(DRIVERS[name], 10, SEED))
 
 
+@pytest.mark.parametrize(
+    ("name", "poll_hz", "seed", "least"), [("roomba-sci-cable", 50, 1002, 10), ("roomba-sci-mote", 20, 1007, 9)]
+)
+def test_lost_bytes_become_neither_wrong_motions_nor_many_errors(
+    name: str, poll_hz: int, seed: int, least: int
+) -> None:
+    table = fuzz(_polled(name, poll_hz), 10, seed, LOSS)
+    _check(table)
+    assert table.answers["ok"] >= least
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(7200)
 @pytest.mark.parametrize("name", DRIVERS)
@@ -50,14 +65,13 @@ def test_damaged_bytes_never_become_a_wrong_motion_in_many(name: str) -> None:
 @pytest.mark.parametrize("poll_hz", [5, 10, 20, 30, 50])
 @pytest.mark.parametrize(("name", "least"), SURVIVORS.items())
 def test_most_motions_survive_the_loss_of_1_percent_of_the_bytes(name: str, least: int, poll_hz: int) -> None:
-    driver = DRIVERS[name]
-    table = fuzz(replace(driver, settings={**driver.settings, "poll_hz": poll_hz}), 100, 1000, LOSS)
+    table = fuzz(_polled(name, poll_hz), 100, 1000, LOSS)
     _check(table)
     assert table.answers["ok"] >= least
 
 
-@pytest.mark.parametrize(("there_s", "back_s"), [(0.0, 0.24), (0.0, 0.6), (0.12, 0.12)])
-def test_a_create_whose_answers_are_late_ends_at_its_goal_or_says_where_it_is(there_s: float, back_s: float) -> None:
+@pytest.mark.parametrize(("there_s", "back_s"), [(0.0, 0.24), (0.12, 0.12), (0.0, 0.6), (0.1, 0.9), (0.0, 1.0)])
+def test_a_create_whose_answers_are_late_ends_at_its_goal(there_s: float, back_s: float) -> None:
     robot = FuzzedRobot(replace(DRIVERS["roomba-oi-cable"], line=Line(115200, there_s, back_s)), SEED)
     try:
         robot.wait(2.0)
@@ -65,12 +79,9 @@ def test_a_create_whose_answers_are_late_ends_at_its_goal_or_says_where_it_is(th
             robot.move(motion)
             for motion in (
                 Motion("l45", angle_rad=math.pi / 4, deadline_s=30.0),
-                Motion("f0.3", distance_m=0.3, deadline_s=30.0),
+                Motion("r90", angle_rad=-math.pi / 2, deadline_s=30.0),
             )
         ]
     finally:
         robot.close()
-    assert not [result for result in results if result.is_wrong]
-    first, second = results
-    assert first.answer == "ok" or "it stands" in first.message  # the delay was not known yet
-    assert second.answer == "ok"
+    assert not [result for result in results if result.is_wrong or result.answer != "ok"]

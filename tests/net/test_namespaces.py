@@ -76,7 +76,7 @@ def test_a_robot_whose_cable_is_cut_halts_and_the_run_names_it(tmp_path: Path) -
             rig.content["robots"][robot]["address"] = f"tcp/{host}:50000"
         rig.write()
         servers = serve(stack, net, rig.file)
-        words = ("run", scenario, "--fleet", rig.file, "--runs-dir", runs, "--no-plot")
+        words = ("run", scenario, "--fleet", rig.file, "--runs-dir", runs, "--no-plot", "--strict")
         run = started(stack, tuple(net.at_controller()), tmp_path, *words)
         assert eventually(lambda: len(rig.notes("begin")) == len(robots)), run.lines
         net.cut("r2")

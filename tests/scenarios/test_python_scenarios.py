@@ -190,6 +190,21 @@ def test_classic_dance(classic_fleet: Path, capsys: pytest.CaptureFixture[str]) 
     assert "finished the dance: evbot2-1, evbot3-1, roomba-1" in capsys.readouterr().out
 
 
+def test_classic_dance_at_the_rate_max(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fleet = tmp_path / "fleet.yaml"
+    fleet.write_text(
+        'version: 1\nclock: {rate: max}\nrobots: {"r{n}": {count: 2, plugins: {sim: {model: roomba, noise: false}}}}\n'
+    )
+    monkeypatch.setenv("EAL_FLEET", str(fleet))
+    monkeypatch.setattr(classic_dance, "DANCE", ["r45", "l90"])
+    assert classic_dance.main(["dance.py", "r1", "r2"]) == 0
+    shown = capsys.readouterr()
+    assert "finished the dance: r1, r2" in shown.out
+    assert "ThreadPool" not in shown.out + shown.err  # no idle thread holds the time
+
+
 def test_classic_dancers_move_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_plugin(tmp_path, "together", TOGETHER, "Base")
     fleet = tmp_path / "fleet.yaml"

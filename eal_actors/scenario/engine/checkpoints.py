@@ -18,7 +18,7 @@ from eal_actors.scenario.language.values import final_action
 from eal_actors.scenario.report.events import Checkpoint, RobotReplaced, RunContinued, RunStarted
 from eal_actors.scenario.report.records import from_record, is_recordable, to_record, to_view
 from eal_actors.scenario.report.resuming import Resumption
-from eal_actors.scenario.report.summary import ErrorReport, Report, RobotReport, RunOutcome
+from eal_actors.scenario.report.summary import ContactReport, ErrorReport, Report, RobotReport, RunOutcome
 
 
 def fill_slots(run: RunContext) -> None:
@@ -135,7 +135,8 @@ def report_robot(run: RunContext, robot: Participant) -> RobotReport:
             if slot.robot is robot:
                 variables |= _views(slot.variables)
     error = ErrorReport.of(robot.error) if robot.error is not None else None
-    return RobotReport(outcome=robot.outcome or "aborted", error=error, variables=variables)
+    losses = tuple(robot.losses)
+    return RobotReport(outcome=robot.outcome or "aborted", error=error, variables=variables, losses=losses)
 
 
 def _views(variables: dict[str, object]) -> dict[str, Any]:
@@ -201,6 +202,11 @@ def make_report(
         variables=variables_of_run(run),
         steps=tuple(run.records),
         starts=tuple(run.starts),
+        contacts=tuple(
+            ContactReport(time_s=contact.time_s - run.zero_s, robot=contact.robot, other=contact.other)
+            for contact in fleet.services.contacts.copy()
+            if contact.time_s >= run.zero_s
+        ),
     )
 
 

@@ -16,6 +16,7 @@ from eal_actors.kernel.errors import UnavailableError
 from eal_actors.kernel.log import get_logger
 from eal_actors.scenario.engine.frames import ExecutionContext, Frame, Participant, RoleSlot
 from eal_actors.scenario.engine.loop import Coroutine, EventLoop
+from eal_actors.scenario.engine.losses import Losses
 from eal_actors.scenario.engine.synchronization import Barriers, PauseControl, Signals
 from eal_actors.scenario.language.expressions import (
     Expression,
@@ -69,8 +70,10 @@ class RunContext:
     Attributes:
         records: the steps that are over.
         starts: the synchronized starts that are over.
+        losses: the robots that are out of reach; None without robots of other processes.
         failures: the errors of steps outside of `on` that ended the run.
         is_stopping: no step begins, and those under way are cancelled.
+        is_short: a role has fewer robots than it needs, or no robot is left.
         slots: the slots of each role of the main scenario.
         main: the main scenario.
         substitutes: for robots that did not start, the spare in their slot, and its role.
@@ -103,12 +106,14 @@ class RunContext:
         self.records: list[StepRecord] = []
         self.starts: list[StartReport] = []
         self.failures: list[BaseException] = []
-        self.is_stopping = False
+        self.is_stopping = self.is_short = False
         self.emergency: str | None = None
         self.pauses = PauseControl(self.clock, emit)
         self.barriers = Barriers(self.clock)
         self.signals = Signals(self.clock)
-        scenario = plan.scenario
+        scenario, sections = plan.scenario, fleet.config.robots
+        remote = [name for name in robots if name in sections and sections[name].address is not None]
+        self.losses = Losses(self, remote) if remote else None
         self.main = Frame(scenario, {role: role for role in scenario.file.roles}, scenario.parameters)
         self.open_parts: list[ExecutionContext] = []
         self.slots: dict[str, list[RoleSlot]] = {}
@@ -185,9 +190,16 @@ class RunContext:
             needed = self.plan.scenario.file.roles[role].min
             if any(slot.robot is robot for slot in slots) and live < needed:
                 self.log(None, f"role '{role}' is left with {live} of the {needed} robots that it needs")
+                self.is_short = True
                 self.stop()
         if self.robots and all(other.outcome is not None or not other.has_taken_part for other in self.robots.values()):
-            self.stop()  # no robot is left
+            self.is_short = True  # no robot is left
+            self.stop()
+
+    def errors(self) -> list[BaseException | None]:
+        """Return the errors that make the run fail: dropped robots count if too few are left."""
+        bad = {"failed", "dropped" if self.is_short else "failed"}
+        return [*(robot.error for robot in self.robots.values() if robot.outcome in bad), *self.failures]
 
     # Admission of steps.
 

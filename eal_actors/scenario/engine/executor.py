@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Hashable, Iterable, Sequence
+from collections.abc import Callable, Generator, Hashable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from eal_actors.actors.future import Future
 from eal_actors.kernel import spans
-from eal_actors.kernel.errors import CallCancelledError, CallError, DeadlineError, EALError, StoppedError
+from eal_actors.kernel.errors import (
+    CallCancelledError,
+    CallError,
+    DeadlineError,
+    EALError,
+    StoppedError,
+)
 from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.frames import ExecutionContext, Participant, StepTask
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.engine.synchronization import StepGroup
-from eal_actors.scenario.language.expressions import Expression, Namespace, WorkLimitError, expressions_in, render
-from eal_actors.scenario.language.values import OnFailure, RetryPolicy, Wanted, checked_number, final_action
+from eal_actors.scenario.language.expressions import Namespace, WorkLimitError, expressions_in, render
+from eal_actors.scenario.language.values import (
+    OnFailure,
+    RetryPolicy,
+    Wanted,
+    checked_number,
+    final_action,
+)
 from eal_actors.scenario.report.events import StepEnded, StepRetried, StepStarted
 from eal_actors.scenario.report.summary import ErrorReport, StepOutcome, StepRecord
 
@@ -93,7 +105,10 @@ def perform_steps(run: RunContext, steps: Sequence[Step], path: str, context: Ex
     for index, step in enumerate(steps):
         if not run.may_begin(context):
             return
-        yield from step.perform(run, context, f"{path}[{index}]")
+        if run.losses is not None and run.losses.skips(context, step):
+            run.losses.record_skip(context, step, f"{path}[{index}]")
+        else:
+            yield from step.perform(run, context, f"{path}[{index}]")
 
 
 def perform_step(
@@ -152,54 +167,6 @@ def perform_within(
 
     make = partial(StepAction, run, context, step.kind, attempt)
     yield from perform_step(run, context, step, path, make, is_quiet=True)
-
-
-def compute(
-    run: RunContext,
-    context: ExecutionContext,
-    step: FallibleStep,
-    path: str,
-    label: str,
-    expressions: Iterable[Expression],
-    work: Callable[[Namespace], Any],
-) -> Generator[Future[Any], None, Any]:
-    """Return a value that a block needs, or None if that failed and the policy was applied.
-
-    Args:
-        run: the run.
-        context: the context of the block.
-        step: the block.
-        path: of the value.
-        label: the computation in records, for people.
-        expressions: the expressions that it needs.
-        work: computes the value from their namespace.
-    """
-    needed = list(expressions)
-    found: list[Any] = [None]
-
-    def attempt(_: StepAction) -> Coroutine:
-        found[0] = None
-        names = yield from run.read(context, needed)
-        found[0] = work(names)
-
-    yield from perform_step(run, context, step, path, partial(StepAction, run, context, label, attempt), is_quiet=True)
-    return found[0]
-
-
-def compute_count(
-    run: RunContext, context: ExecutionContext, step: FallibleStep, path: str, value: int | str, key: str
-) -> Generator[Future[Any], None, int | None]:
-    """Return a whole number that may be an expression; see `compute`."""
-    if isinstance(value, int):
-        return value
-
-    def work(names: Namespace) -> int:
-        return int(checked_number(render(value, names), "count", key))
-
-    found: int | None = yield from compute(
-        run, context, step, f"{path}.{key}", f"{key} {value}", expressions_in(value), work
-    )
-    return found
 
 
 class _Execution:
@@ -273,17 +240,20 @@ class _Execution:
         )
 
     def _attempts(self) -> Generator[Future[Any], None, tuple[int, EALError | None]]:
-        attempts = 0
+        attempts, robot = 0, self._robot
         while True:
             attempts += 1
             error: EALError | None = None
+            losses = len(robot.losses) if robot is not None else 0
             try:
                 yield from self._action.attempt()
             except WorkLimitError as caught:
                 mark = self._run.main.scenario.position_of(self._path)
                 error = WorkLimitError(f"{mark.file}:{mark.line}:{mark.column}: {caught.message}")
             except EALError as caught:
-                error = caught
+                error = yield from self._after_loss(caught, losses)
+                if error is None:
+                    continue
             if self._is_emergency(error):
                 self._run.stop_for_emergency(f"emergency stop: {error}", is_finally=self._context.is_finally)
             if error is None or self._is_over() or not self._action.is_begun or attempts > self._retries:
@@ -294,6 +264,26 @@ class _Execution:
                     yield from self._run.sleep(self._context, self._policy.pause_s(attempts))
                 except CallCancelledError:
                     return attempts, error
+
+    def _after_loss(self, error: EALError, losses: int) -> Generator[Future[Any], None, EALError | None]:
+        """Apply the policy for lost robots if the robot was lost; return None to repeat the attempt.
+
+        Args:
+            error: why the attempt failed.
+            losses: the number of the robot's losses before it.
+        """
+        robot, run = self._robot, self._run
+        if robot is None or run.losses is None or not robot.losses:
+            return error
+        error = run.losses.cause(robot, error)
+        after = None if self._is_over() else (yield from run.losses.handle(self._context, robot, error, losses))
+        if after is None or self._is_over():
+            return error
+        if after == "repeat":
+            self._retries += 1
+            return None
+        self._policy, self._attempt, self._retries = after, None, 0
+        return error
 
     def _retried(self, attempt: int, error: EALError, time_s: float) -> StepRetried:
         return StepRetried(time_s, self._name, self._path, self._action.label, attempt, ErrorReport.of(error))

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Mapping
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.kernel.errors import EALError, ScenarioError
-from eal_actors.scenario.language.values import OnFailure, RetryPolicy
-from eal_actors.scenario.report.summary import RobotOutcome
+from eal_actors.scenario.language.values import OnFailure, OnLost, RetryPolicy
+from eal_actors.scenario.report.summary import LossReport, RobotOutcome
 
 if TYPE_CHECKING:  # its model consists of steps, which import this module
     from eal_actors.scenario.language.scenario import Scenario
+    from eal_actors.scenario.steps.base import Step
 
 
 @dataclass(eq=False)
@@ -26,6 +27,9 @@ class Participant:
         error: why it failed or left.
         has_taken_part: it has ever filled a slot.
         pending: the futures that its steps wait for.
+        losses: when it was lost, and back.
+        is_given_up: it is lost for so long that its steps fail.
+        is_rejoining: it was lost, and leaves out its steps up to its next meeting.
     """
 
     handle: RobotHandle
@@ -33,6 +37,14 @@ class Participant:
     error: BaseException | None = None
     has_taken_part: bool = False
     pending: dict[Future[Any], None] = field(default_factory=dict)
+    losses: list[LossReport] = field(default_factory=list)
+    is_given_up: bool = False
+    is_rejoining: bool = False
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether it is out of reach."""
+        return bool(self.losses) and self.losses[-1].back_s is None
 
     @property
     def name(self) -> str:
@@ -170,7 +182,7 @@ class Frame:
 
     Attributes:
         variables: those of the run, parameters included.
-        meets: the meetings in lists of steps, found once.
+        meets: by its id, each list of steps and the meetings in it, found once.
     """
 
     def __init__(
@@ -190,7 +202,7 @@ class Frame:
         self.signals = signals or {}
         self.slot = slot
         self.variables: dict[str, object] = dict(parameters)
-        self.meets: dict[int, frozenset[Hashable]] = {}
+        self.meets: dict[int, tuple[Sequence[Step], frozenset[Hashable]]] = {}
 
     @property
     def timeout_s(self) -> float | None:
@@ -262,6 +274,14 @@ class ExecutionContext:
     def in_loop(self, name: str, value: object) -> ExecutionContext:
         """Return the context of one pass of a loop."""
         return replace(self, loops={**self.loops, name: value})
+
+    @property
+    def on_lost(self) -> OnLost | None:
+        """The policy if its robot is lost: that of its role, or its file."""
+        if self.role is None or self.is_finally:
+            return None
+        file = self.frame.scenario.file
+        return file.roles[self.role].on_lost or file.on_lost
 
     def effective_policy(self, own: OnFailure | None) -> OnFailure:
         """Return the failure policy: that of the step, its blocks, its role, or its file, in this order."""

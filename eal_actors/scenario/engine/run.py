@@ -205,11 +205,11 @@ class Run:
             self._future.set_exception(error)
 
     def _phases(self) -> Coroutine:
-        run, everyone = self._run, list(self._robots.values())
+        run, everyone, steps = self._run, list(self._robots.values()), self._perform_steps()
         yield from self._guarded(self._prepare())
         self._apply_aborts()
         yield self._loop.checkpoint()  # a pause may have been requested before the start
-        yield from self._guarded(self._perform_steps())
+        yield from self._guarded(steps if run.losses is None else run.losses.watched(steps))
         run.pauses.end()
         checkpoints.end_robots(run, self._unfinished_roles())
         if run.is_stopping:
@@ -329,8 +329,7 @@ class Run:
         )
 
     def _outcome(self) -> tuple[RunOutcome, BaseException | None]:
-        errors = [robot.error for robot in self._robots.values() if robot.outcome in ("failed", "dropped")]
-        errors += self._run.failures
+        errors = self._run.errors()
         if self._error is not None or errors:
             return "failed", self._error or errors[0]
         if self._is_aborted:

@@ -116,15 +116,16 @@ class StepGroup:
 
 def find_meetings(frame: Frame, steps: Sequence[Step]) -> frozenset[Hashable]:
     """Return the keys of the meetings among steps and the steps inside them."""
-    found = frame.meets.get(id(steps))
-    if found is None:
-        keys: set[Hashable] = set()
-        for step in steps:
-            if (key := step.meeting(frame)) is not None:
-                keys.add(key)
-            for _, inner in step.children():
-                keys |= find_meetings(frame, inner)
-        found = frame.meets[id(steps)] = frozenset(keys)
+    if (known := frame.meets.get(id(steps))) is not None:
+        return known[1]
+    keys: set[Hashable] = set()
+    for step in steps:
+        if (key := step.meeting(frame)) is not None:
+            keys.add(key)
+        for _, inner in step.children():
+            keys |= find_meetings(frame, inner)
+    found = frozenset(keys)
+    frame.meets[id(steps)] = steps, found  # kept, so that no other list gets its id
     return found
 
 

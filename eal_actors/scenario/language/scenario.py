@@ -9,12 +9,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
-from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt
+from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 
 from eal_actors.kernel.errors import Problem
 from eal_actors.kernel.strict_model import NAMES_ONLY, Name, StrictModel, Version1
 from eal_actors.kernel.yaml_tree import Mark, YamlPath, YamlTree, format_path
-from eal_actors.scenario.language.values import MIN_ITEMS, NOT_EMPTY, OnFailure, Scalars, Text, Value, VariableName
+from eal_actors.scenario.language.values import (
+    MIN_ITEMS,
+    NOT_EMPTY,
+    OnFailure,
+    OnLost,
+    Scalars,
+    Text,
+    Value,
+    VariableName,
+)
 from eal_actors.scenario.steps.base import AnyStep, Step, Steps
 
 _ELEMENT: Final = re.compile(r"\[(\d+)\]|([^.\[\]]+)")
@@ -58,6 +67,8 @@ class RoleSection(StrictModel):
     """So many of the other robots that fit are kept in reserve for one that fails."""
     on_failure: OnFailure | None = None
     """The policy when a step of its robots fails; defaults to that of the file."""
+    on_lost: OnLost | None = None
+    """The policy when one of its robots is lost; defaults to that of the file."""
 
 
 class ScenarioFile(StrictModel):
@@ -73,6 +84,10 @@ class ScenarioFile(StrictModel):
     """Default deadline of a call, in seconds of the fleet's clock; defaults to that of the fleet file."""
     on_failure: OnFailure = "abort"
     """The policy when a step fails."""
+    on_lost: OnLost | None = None
+    """The policy when a robot is lost; defaults to `on_failure`."""
+    lost_after_s: NonNegativeFloat | None = None
+    """Time out of reach after which a robot's step fails, in seconds of the fleet's clock; defaults to the fleet's."""
     safe_to_repeat: bool = False
     """A resumed run may repeat the step at which it was interrupted."""
     steps: Steps

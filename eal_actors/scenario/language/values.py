@@ -162,6 +162,29 @@ OnFailure = Annotated[
 spare of the role take the robot's place."""
 
 
+# Policies for lost robots.
+
+LossAction = Literal["fail", "drop", "substitute"]
+
+
+class WaitPolicy(StrictModel):
+    """Wait for a lost robot before giving it up."""
+
+    wait_s: PositiveFloat
+    """How long, in seconds of the fleet's clock, after its step has failed."""
+    rejoin: bool = False
+    """When it is back, it leaves out its steps up to its next meeting. Otherwise it repeats the step that failed."""
+    then: LossAction = "fail"
+    """The action if it is not back in time."""
+
+
+OnLost = Annotated[
+    Annotated[LossAction, Tag("Action")] | Annotated[WaitPolicy, Tag("WaitPolicy")],
+    Discriminator(lambda value: "WaitPolicy" if isinstance(value, Mapping | WaitPolicy) else "Action"),
+]
+"""`fail` ends the run; `drop` and `substitute` are those of OnFailure."""
+
+
 def final_action(policy: FailureAction | RetryPolicy) -> FailureAction:
     """Return the action of a policy when no attempt is left."""
     return policy.then if isinstance(policy, RetryPolicy) else policy

@@ -239,6 +239,32 @@ class RobotReplaced(RunEvent):
 
 
 @dataclass(frozen=True, slots=True)
+class RobotLost(RunEvent):
+    """A robot is out of reach.
+
+    Attributes:
+        robot: the robot's name.
+        error: why.
+    """
+
+    kind = "robot_lost"
+    robot: str
+    error: ErrorReport
+
+
+@dataclass(frozen=True, slots=True)
+class RobotReturned(RunEvent):
+    """A lost robot is back.
+
+    Attributes:
+        robot: the robot's name.
+    """
+
+    kind = "robot_returned"
+    robot: str
+
+
+@dataclass(frozen=True, slots=True)
 class LogLine(RunEvent):
     """A line of text for those who watch the run.
 

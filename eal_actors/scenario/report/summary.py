@@ -32,9 +32,10 @@ it was under way).
 
 A robot is `done` if it went through all of its steps, `failed` if a step of its ended the run, if one of its steps in
 `finally` failed or if it could not be halted, `dropped` if it left the run, `replaced` if a spare took its place,
-`aborted` if the run was stopped around it, and `spare` if it was kept in reserve and never needed. The run is `done`
-only if no robot failed, was dropped or was stopped by an abort; it is `failed` if a robot failed or was dropped, if a
-step of no robot failed, or if the engine itself had an error, and otherwise `aborted`. Steps that were never reached
+`aborted` if the run was stopped around it, and `spare` if it was kept in reserve and never needed. The run is `failed`
+if a robot failed, if dropped robots left a role with fewer than its `min`, if a step of no robot failed, or if the
+engine itself had an error; `aborted` if it was stopped otherwise; and `done` in all other cases: also without the
+robots that were dropped. Steps that were never reached
 have no entry.
 """
 
@@ -68,6 +69,14 @@ class ErrorReport(StrictModel):
         return cls(code=EALError.code, message=f"{type(error).__name__}: {error}")
 
 
+class LossReport(StrictModel):
+    """A time during which a robot was out of reach, in seconds since the run's start."""
+
+    lost_s: float
+    back_s: float | None = None
+    """None if it did not come back."""
+
+
 class RobotReport(StrictModel):
     """The outcome of a robot."""
 
@@ -75,6 +84,8 @@ class RobotReport(StrictModel):
     error: ErrorReport | None = None
     variables: dict[str, Any] = Field(default={})
     """Those of its slot at the end of the run, as plain values; values without a form in JSON are left out."""
+    losses: tuple[LossReport, ...] = Field(default=(), strict=False)
+    """When it was out of reach."""
 
 
 class StepRecord(StrictModel):
@@ -124,6 +135,16 @@ class StartReport(StrictModel):
     """The begin of each robot."""
 
 
+class ContactReport(StrictModel):
+    """A contact of a simulated robot."""
+
+    time_s: float
+    """Its begin, in seconds since the run's start."""
+    robot: str
+    other: str
+    """Another robot, or what the robot has touched."""
+
+
 class Report(StrictModel):
     """The whole run."""
 
@@ -151,6 +172,13 @@ class Report(StrictModel):
     """Those of the run at its end."""
     steps: tuple[StepRecord, ...] = Field(strict=False)
     starts: tuple[StartReport, ...] = Field(default=(), strict=False)
+    contacts: tuple[ContactReport, ...] = Field(default=(), strict=False)
+    """The contacts of simulated robots; those of a second count once."""
+
+    @property
+    def dropped(self) -> list[str]:
+        """The names of the robots that were dropped."""
+        return [name for name, robot in self.robots.items() if robot.outcome == "dropped"]
 
 
 def summary_schema() -> dict[str, Any]:

@@ -12,8 +12,8 @@ from typing_extensions import override
 from eal_actors.kernel.errors import EALError, ScenarioError
 from eal_actors.kernel.strict_model import NAMES_ONLY
 from eal_actors.kernel.yaml_tree import YamlPath
+from eal_actors.scenario.engine.computing import compute
 from eal_actors.scenario.engine.context import RunContext
-from eal_actors.scenario.engine.executor import compute
 from eal_actors.scenario.engine.frames import ExecutionContext
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import (

@@ -8,8 +8,8 @@ from dataclasses import replace
 from typing_extensions import override
 
 from eal_actors.kernel.yaml_tree import YamlPath
+from eal_actors.scenario.engine.computing import compute_count
 from eal_actors.scenario.engine.context import RunContext
-from eal_actors.scenario.engine.executor import compute_count
 from eal_actors.scenario.engine.frames import ExecutionContext
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import evaluate, parse_template

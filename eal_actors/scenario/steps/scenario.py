@@ -14,8 +14,9 @@ from eal_actors.kernel.errors import EALError, Problem, ScenarioError
 from eal_actors.kernel.strict_model import NAMES_ONLY, Name
 from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_tree import YamlPath, format_path
+from eal_actors.scenario.engine.computing import compute
 from eal_actors.scenario.engine.context import RunContext
-from eal_actors.scenario.engine.executor import compute, perform_steps, perform_within
+from eal_actors.scenario.engine.executor import perform_steps, perform_within
 from eal_actors.scenario.engine.frames import ExecutionContext, Frame, StepTask
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.engine.synchronization import StepGroup, find_meetings

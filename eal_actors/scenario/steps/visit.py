@@ -10,8 +10,9 @@ from typing import Final
 from typing_extensions import override
 
 from eal_actors.kernel.yaml_tree import YamlPath
+from eal_actors.scenario.engine.computing import compute
 from eal_actors.scenario.engine.context import RunContext
-from eal_actors.scenario.engine.executor import StepAction, compute, perform_step, perform_steps
+from eal_actors.scenario.engine.executor import StepAction, perform_step, perform_steps
 from eal_actors.scenario.engine.frames import ExecutionContext
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import Namespace, expressions_in, render

@@ -12,8 +12,9 @@ from typing_extensions import override
 
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.kernel.yaml_tree import YamlPath
+from eal_actors.scenario.engine.computing import compute, compute_count
 from eal_actors.scenario.engine.context import RunContext
-from eal_actors.scenario.engine.executor import compute, compute_count, perform_steps
+from eal_actors.scenario.engine.executor import perform_steps
 from eal_actors.scenario.engine.frames import ExecutionContext
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import Expression, Namespace, evaluate, parse_bare, to_plain

@@ -8,6 +8,8 @@
     eal/<fleet>/@alive/<version>/<robot>                        liveliness token of a robot, and its protocol version
     eal/<fleet>/@heartbeats/<caller>/<client>                   heartbeat of a controller, for every robot
 
+The fleet is its name; behind a `~` follows its identity, if it has one.
+
 The caller is the name of the controller's certificate, the client a secret of its process. So access control prevents
 a controller from calling or sending heartbeats in another one's name, and from reading another one's replies. Robots
 publish a client only as its `client_id`, from which nobody can make a key. The key of the token is the same in all
@@ -32,6 +34,7 @@ from urllib.parse import quote, unquote
 
 from eal_actors.device.info import METHODS
 from eal_actors.kernel.errors import ProtocolError
+from eal_actors.managers.network_model import IDENTITY_MARK
 from eal_actors.wire.format.packing import PROTOCOL_VERSION
 
 ROOT: Final = "eal"
@@ -135,6 +138,12 @@ def answer_key(call: CallKey) -> str:
 def answer_keys(fleet: str, caller: str, client: str) -> str:
     """Return the key expression of the replies of all robots to a controller."""
     return _branch_key(fleet, ANSWERS, caller, client, None)
+
+
+def fleet_words(fleet: str) -> str:
+    """Return a fleet of a key for people: its name, and its identity if it has one."""
+    name, mark, identity = fleet.rpartition(IDENTITY_MARK)
+    return f"{name} (identity {identity})" if mark else fleet
 
 
 def event_key(fleet: str, robot: str | None) -> str:

@@ -71,6 +71,25 @@ def raise_file_limit() -> int:
     return MAX_FILES if soft == resource.RLIM_INFINITY else soft
 
 
+def descriptor_warnings() -> list[str]:
+    """Return a warning if more than three quarters of this process's file descriptors are in use."""
+    soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    try:
+        used = _count_files()
+    except FileNotFoundError:  # another system
+        return []
+    except OSError:  # looking takes one
+        used = soft
+    if soft == resource.RLIM_INFINITY or used <= _reserved_from(soft):
+        return []
+    return [f"{used} of {soft} file descriptors are in use; new connections are refused: raise `ulimit -n`"]
+
+
+def _reserved_from(limit: int) -> int:
+    """Return the number of descriptors in use from which strangers get no more."""
+    return limit - limit // 4
+
+
 @contextmanager
 def guarding(ports: Iterable[int], most: int, linked: Callable[[], list[str]]) -> Iterator[None]:
     """Guard this process's listening TCP sockets for the length of a `with` block.
@@ -162,7 +181,7 @@ class AcceptGuard:
         self._rule: PacketRule | None = None  # while the filter is on
         self._has_waiting = False
         self._usual_files = _count_files()
-        self._most_files = file_limit - file_limit // 4
+        self._most_files = _reserved_from(file_limit)
         self._spare: list[int] = []
         self._take_spare()
         self._poll = select.epoll()

@@ -113,7 +113,7 @@ class _AccessRules:
     """Rules of one end of a link, by the name of the certificate at its other end."""
 
     def __init__(self, fleet: FleetConfig) -> None:
-        self._all = keys.fleet_key(fleet.name)
+        self._all = keys.fleet_key(fleet.network_name)
         self._rules: dict[str, list[dict[str, Any]]] = {}
 
     def config(self) -> dict[str, Any]:

@@ -103,6 +103,10 @@ function noteOf(event) {
       return `▲ ${event.robot ?? ""} ${event.label}: attempt ${event.attempt} failed: ${event.error.message}`;
     case "robot_dropped":
       return `✕ ${event.robot} dropped: ${event.error.message}`;
+    case "robot_lost":
+      return `▲ ${event.robot} lost: ${event.error.message}`;
+    case "robot_returned":
+      return `${event.robot} is back`;
     case "robot_replaced":
       return `▲ ${event.robot} replaced by ${event.by}: ${event.error.message}`;
     case "log":

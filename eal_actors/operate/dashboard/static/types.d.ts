@@ -147,6 +147,8 @@ export type RunEvent = { time_s: number } & (
   | { event: "step_ended"; record: StepRecord }
   | { event: "step_retried"; robot: string | null; label: string; attempt: number; error: ReportedError }
   | { event: "robot_dropped"; robot: string; error: ReportedError }
+  | { event: "robot_lost"; robot: string; error: ReportedError }
+  | { event: "robot_returned"; robot: string }
   | { event: "robot_replaced"; robot: string; by: string; error: ReportedError }
   | { event: "log"; robot: string | null; text: string }
   | { event: "run_paused" }

@@ -92,10 +92,10 @@ class _Broadcast:
 
         end_s = REAL_TIME.now() + timeout_s
         callback = zenoh.handlers.Callback
-        answers = keys.answer_keys(self._config.name, self._caller, self._secret)
+        answers = keys.answer_keys(self._config.network_name, self._caller, self._secret)
         session.declare_subscriber(answers, callback(self._on_answer, indirect=False))
         session.liveliness().declare_subscriber(
-            keys.alive_keys(self._config.name), callback(self._on_liveliness, indirect=False), history=True
+            keys.alive_keys(self._config.network_name), callback(self._on_liveliness, indirect=False), history=True
         )
         while self._ask_at_s and (now_s := REAL_TIME.now()) < end_s:
             for robot, ask_at_s in self._ask_at_s.items():
@@ -117,7 +117,7 @@ class _Broadcast:
         self._sequence += 1
         header = CallHeader(self._client, 0, self._sequence, left_s, left_s, None, self._arguments)
         envelope, payload = encode_call(header)
-        key = keys.CallKey(self._config.name, robot, keys.ROBOT, self._method, self._caller, self._secret)
+        key = keys.CallKey(self._config.network_name, robot, keys.ROBOT, self._method, self._caller, self._secret)
         try:
             session.put(
                 keys.call_key(key),

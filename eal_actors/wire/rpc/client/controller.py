@@ -30,6 +30,7 @@ from eal_actors.wire.format.messages import (
 )
 from eal_actors.wire.format.packing import PROTOCOL_VERSION
 from eal_actors.wire.rpc.client.call_sender import CallSender
+from eal_actors.wire.rpc.client.discovery import ForeignRobots
 from eal_actors.wire.rpc.client.value_memory import ValueMemory
 from eal_actors.wire.rpc.sender import Sender, UrgentMessage
 from eal_actors.wire.rpc.throttled_log import ThrottledLog
@@ -86,6 +87,7 @@ class Controller(EALActor):
         display_name: its name for people, which robots show.
         dead_man_s: real seconds of its silence after which a robot halts what it moves.
         sender: sends the calls to all robots.
+        foreign: the robots of other fleets that answer, in a fleet without security.
         shares_memory: whether memory is shared with robots on this machine.
 
     Thread: an actor, which opens the session and sends the heartbeat. zenoh's threads run the listeners' callbacks.
@@ -93,7 +95,7 @@ class Controller(EALActor):
 
     def __init__(self, config: FleetConfig, clock: Clock, robots: Iterable[str] | None = None) -> None:
         super().__init__(f"{config.name} network", clock)
-        self.fleet: Final = config.name
+        self.fleet: Final = config.network_name
         self._secret: Final = secrets.token_hex(16)
         security = config.network.security
         self.certificate: Final = None if security is None else security.controller
@@ -109,6 +111,7 @@ class Controller(EALActor):
         self._lock = threading.Lock()
         self._malformed = ThrottledLog(fleet=config.name)
         self._listeners: dict[str, RobotListener] = {}
+        self.foreign: Final = ForeignRobots()
         self._versions: dict[str, int] = {}  # protocol versions of the live robots
         self._transport: Transport | None = None
         self._stack = ExitStack()
@@ -170,7 +173,9 @@ class Controller(EALActor):
         transport.receive(answers, f"{self.fleet} answers", self._on_answer)
         transport.receive(keys.event_key(self.fleet, None), f"{self.fleet} events", self._on_event)
         session.liveliness().declare_subscriber(
-            keys.alive_keys(self.fleet), zenoh.handlers.Callback(self._on_liveliness, indirect=False), history=True
+            keys.ALL_ALIVE if self.certificate is None else keys.alive_keys(self.fleet),
+            zenoh.handlers.Callback(self._on_liveliness, indirect=False),
+            history=True,
         )
         self._send_heartbeat(transport)
 
@@ -317,10 +322,13 @@ class Controller(EALActor):
         import zenoh
 
         try:
-            _, name, version = keys.parse_alive(str(sample.key_expr))
+            fleet, name, version = keys.parse_alive(str(sample.key_expr))
         except ProtocolError:
             return
         is_alive = sample.kind == zenoh.SampleKind.PUT
+        if fleet != self.fleet:
+            self.foreign.note(fleet, name, is_alive=is_alive)
+            return
         with self._lock:
             listener = self._listeners.get(name)
             if is_alive:

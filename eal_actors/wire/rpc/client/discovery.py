@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.managers.network_model import SECURE_PROTOCOLS, parse_endpoint
+from eal_actors.managers.network_model import IDENTITY_MARK, SECURE_PROTOCOLS, parse_endpoint
 from eal_actors.wire.format import keys
 from eal_actors.wire.session import open_session, probe_config
 
@@ -30,11 +31,13 @@ class FoundRobot(NamedTuple):
         fleet: its fleet's name.
         robot: its name.
         endpoint: its endpoint, or that of a router that leads to it.
+        identity: its fleet's identity, if it has one.
     """
 
     fleet: str
     robot: str
     endpoint: str
+    identity: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +53,29 @@ class Discovery:
     closed: tuple[str, ...]
 
 
+class ForeignRobots:
+    """Live robots of other fleets. Thread: any."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._robots: dict[tuple[str, str], None] = {}
+
+    def note(self, fleet: str, robot: str, *, is_alive: bool) -> None:
+        """Note that the token of a robot appeared or disappeared."""
+        with self._lock:
+            if not is_alive:
+                self._robots.pop((fleet, robot), None)
+            elif len(self._robots) < _MAX_ANSWERS:
+                self._robots[fleet, robot] = None
+
+    def describe(self) -> str:
+        """Return the first of them for a message; empty if there is none."""
+        with self._lock:
+            known = list(self._robots)[:_MAX_SHOWN]
+        return ", ".join(f"{robot} of {keys.fleet_words(fleet)}" for fleet, robot in known)
+
+
+_MAX_SHOWN: Final = 3
 _TOKENS_S: Final = 1.0
 _MAX_PROBES: Final = 8
 _MAX_ANSWERS: Final = 10_000
@@ -70,7 +96,7 @@ def robots_at(endpoint: str, fleet: FleetConfig | None = None, timeout_s: float 
     Thread: blocks the caller.
     """
     network = None if fleet is None else fleet.network
-    wanted = keys.ALL_ALIVE if fleet is None else keys.alive_keys(fleet.name)
+    wanted = keys.ALL_ALIVE if fleet is None else keys.alive_keys(fleet.network_name)
     try:
         with open_session(probe_config(endpoint, network), timeout_s) as session:
             replies = session.liveliness().get(wanted, timeout=_TOKENS_S)
@@ -87,7 +113,8 @@ def _robots_of(tokens: Iterable[zenoh.Sample], endpoint: str) -> set[FoundRobot]
         except ProtocolError as error:
             get_logger().debug("something on the network is no robot", reason=error.message)
         else:
-            found.add(FoundRobot(fleet, robot, endpoint))
+            name, mark, identity = fleet.rpartition(IDENTITY_MARK)
+            found.add(FoundRobot(name, robot, endpoint, identity) if mark else FoundRobot(fleet, robot, endpoint))
     return found
 
 

@@ -108,7 +108,9 @@ class RemoteRobot(EALActor):
 
     def _stop_waiting(self) -> None:
         if self.view.state is RobotState.STARTING:
-            self._note_lost(f"does not answer at {self.spec.address}; the connection is retried")
+            others = self._controller.foreign.describe()
+            what = f"; robots of another fleet do: {others}" if others else ""
+            self._note_lost(f"does not answer at {self.spec.address}{what}; the connection is retried")
         self.view.started.set(None)
 
     # Callbacks of the controller, in zenoh's threads.

@@ -16,6 +16,7 @@ from eal_actors.wire.format.messages import Answer, CallHeader, CallId, RobotEve
 from eal_actors.wire.rpc.server.admission import Admission
 from eal_actors.wire.rpc.server.controller_memories import ControllerMemories
 from eal_actors.wire.rpc.server.running_commands import RunningCommands
+from eal_actors.wire.security.accept_guard import descriptor_warnings
 from eal_actors.wire.security.access import encode_rights
 from eal_actors.wire.security.expiry import certificate_warnings
 from eal_actors.wire.streams.publisher import StreamPublisher
@@ -92,7 +93,7 @@ class RequestHandler:
             "holders": {resource: self._admission.names.of(client) for resource, client in holders.items()},
             "holder_ids": {resource: client for resource, client in holders.items() if client == header.client},
             "not_ready": dict(self._robot.not_ready),
-            "warnings": certificate_warnings(self._security, self._robot.name),
+            "warnings": [*certificate_warnings(self._security, self._robot.name), *descriptor_warnings()],
             "running": [[*command.call_id, command.to_fields()] for command in self._running.announced()],
         }
 

@@ -18,8 +18,8 @@ class Bench:
 
     def __init__(self, speeds_m_s: tuple[float, float] = CRUISE) -> None:
         self.judge = TravelJudge(0.02)
-        self.judge.begin(0.0, speeds_m_s)
         self.judge.command(speeds_m_s, 0.0)
+        self.judge.begin(0.0, speeds_m_s)
         self.now_s = 0.0
 
     def lose(self, count: int = 1, *, is_reset: bool = True) -> None:

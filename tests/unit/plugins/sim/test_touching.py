@@ -156,3 +156,25 @@ def test_robots_that_drive_into_each_other_hold_each_other() -> None:
     with world.caught_up():
         assert one.is_blocked
         assert other.is_blocked
+
+
+def test_contacts_name_both_and_count_once() -> None:
+    clock = ManualClock()
+    world = SimWorld(clock, 1, arena())
+    make = MAKES["evbot2"]
+    one = world.join("one", make, noise=False, start=(0.0, 0.0, 0.0))
+    world.join("still", make, noise=False, start=(1.0, 0.0, 0.0))
+    away = world.join("away", make, noise=False, start=(0.0, 1.0, math.pi / 2))
+    with world.caught_up():
+        world.drive(one, 0.3, 0.3)
+        world.drive(away, 0.3, 0.3)
+    touched_s: list[float] = []
+    for _ in range(500):
+        clock.advance(TICK_S)
+        with world.caught_up():
+            if 1.0 - one.pose[0] < 2 * make.radius_m + 0.001:
+                touched_s.append(clock.now())
+    pairs = sorted((contact.robot, contact.other) for contact in world.contacts)
+    assert pairs == [("away", "the north wall"), ("one", "still")]
+    (met,) = [contact for contact in world.contacts if contact.robot == "one"]
+    assert met.time_s == pytest.approx(touched_s[0], abs=2 * TICK_S)

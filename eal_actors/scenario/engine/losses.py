@@ -1,0 +1,175 @@
+"""Lost robots: their steps under way fail after a while, and their role may wait until they are back."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Generator
+from contextlib import ExitStack
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+from eal_actors.actors.future import Future
+from eal_actors.actors.robot_view import RobotState
+from eal_actors.kernel.clock import Timer
+from eal_actors.kernel.errors import CallCancelledError, EALError, UnavailableError
+from eal_actors.scenario.engine.frames import ExecutionContext, Participant
+from eal_actors.scenario.engine.loop import Coroutine
+from eal_actors.scenario.engine.synchronization import find_meetings
+from eal_actors.scenario.language.values import FailureAction, LossAction, WaitPolicy
+from eal_actors.scenario.report.events import RobotLost, RobotReturned, StepEnded
+from eal_actors.scenario.report.summary import ErrorReport, LossReport, StepRecord
+
+if TYPE_CHECKING:  # both import this module
+    from eal_actors.scenario.engine.context import RunContext
+    from eal_actors.scenario.steps.base import Step
+
+_ACTIONS: Final[dict[LossAction, FailureAction]] = {"fail": "abort", "drop": "drop", "substitute": "substitute"}
+
+
+class Losses:
+    """The robots of other processes that are out of reach. Everything but `_hear` runs in the loop's thread.
+
+    Args:
+        run: the run.
+        remote: the names of the robots of other processes.
+    """
+
+    def __init__(self, run: RunContext, remote: Collection[str]) -> None:
+        self._run = run
+        self._remote = remote
+        network, clock = run.fleet.config.network, run.clock
+        own_s = run.plan.scenario.file.lost_after_s
+        real_s = network.lease_s if network.lost_after_s is None else network.lost_after_s
+        self._lost_after_s = clock.of_real(real_s) if own_s is None else own_s
+        self._timers: dict[str, Timer] = {}
+        self._waiting: dict[Future[None], Participant] = {}
+
+    def watched(self, steps: Coroutine) -> Coroutine:
+        """Perform steps, and follow the robots meanwhile."""
+        with ExitStack() as stack:
+            for name, robot in self._run.robots.items():
+                if name in self._remote and name not in self._run.plan.lost:
+                    stack.callback(robot.handle.on_state(partial(self._hear, robot)))
+            yield from steps
+
+    def _hear(self, robot: Participant, state: RobotState) -> None:
+        """Pass a state on to the loop. Thread: the robot's."""
+        self._run.loop.post(lambda: self._note(robot, state))
+
+    def _note(self, robot: Participant, state: RobotState) -> None:
+        run = self._run
+        if state is RobotState.LOST and not robot.is_lost:
+            error = ErrorReport.of(self._error(robot))
+            lost_s = run.emit(lambda time_s: RobotLost(time_s, robot.name, error))
+            robot.losses.append(LossReport(lost_s=lost_s))
+            self._timers[robot.name] = run.loop.call_at(
+                run.clock.now() + self._lost_after_s, partial(self._give_up, robot)
+            )
+        elif state is RobotState.READY and robot.is_lost:
+            back_s = run.emit(lambda time_s: RobotReturned(time_s, robot.name))
+            robot.losses[-1] = robot.losses[-1].model_copy(update={"back_s": back_s})
+            robot.is_given_up = False
+            if (timer := self._timers.pop(robot.name, None)) is not None:
+                timer.cancel()
+            for future in [future for future, waiting in self._waiting.items() if waiting is robot]:
+                future.set()
+
+    def _error(self, robot: Participant) -> EALError:
+        problems = robot.handle.problems
+        return problems[-1] if problems else UnavailableError("is out of reach", robot=robot.name)
+
+    def _give_up(self, robot: Participant) -> None:
+        """Fail the steps under way of a robot that is still lost."""
+        del self._timers[robot.name]
+        robot.is_given_up = True
+        for future in [future for future in robot.pending if future not in self._waiting]:
+            future.cancel()
+
+    def cause(self, robot: Participant, error: EALError) -> EALError:
+        """Return the loss of the robot in place of the cancellation that it caused."""
+        if robot.is_given_up and isinstance(error, CallCancelledError):
+            why = f"its outcome is unknown: the robot {self._error(robot).message}"
+            return UnavailableError(why, robot=robot.name, resource=error.resource)
+        return error
+
+    def handle(
+        self, context: ExecutionContext, robot: Participant, error: EALError, losses: int
+    ) -> Generator[Future[Any], None, FailureAction | Literal["repeat"] | None]:
+        """Wait for a robot whose step failed because it was lost, as its role wants it.
+
+        Args:
+            context: the context of the step.
+            robot: its robot.
+            error: why it failed.
+            losses: the number of the robot's losses before the attempt.
+
+        Returns:
+            What follows; None if it was no loss, if the robot is back at once, or if `on_lost` is not set.
+        """
+        policy = context.on_lost
+        if policy is None or (len(robot.losses) == losses and not robot.is_lost):
+            return None
+        if not isinstance(error, UnavailableError | CallCancelledError):
+            return None
+        timer, now_s = self._timers.get(robot.name), self._run.clock.now()
+        wait_s = 0.0 if timer is None else timer.time_s - now_s
+        if isinstance(policy, WaitPolicy):
+            wait_s += policy.wait_s
+        if robot.is_lost:
+            yield from self._wait_for_return(context, robot, wait_s)
+        if robot.is_lost:
+            return _ACTIONS[policy.then if isinstance(policy, WaitPolicy) else policy]
+        if not isinstance(policy, WaitPolicy):
+            return None
+        robot.is_rejoining = policy.rejoin
+        return "skip" if policy.rejoin else "repeat"
+
+    def _wait_for_return(
+        self, context: ExecutionContext, robot: Participant, wait_s: float
+    ) -> Generator[Future[Any], None, None]:
+        """Wait until a robot is back, for a limited time, or until the run, the task or the robot is stopped."""
+        future: Future[None] = Future(self._run.clock)
+        self._waiting[future] = robot
+        timer = self._run.loop.call_at(self._run.clock.now() + wait_s, future.set)
+        try:
+            yield from self._run.wait(context, future)
+        finally:
+            timer.cancel()
+            del self._waiting[future]
+
+    def skips(self, context: ExecutionContext, step: Step) -> bool:
+        """Return whether a robot that was lost leaves out a step, since it rejoins at its next meeting."""
+        robot, frame = context.robot, context.frame
+        if robot is None or not robot.is_rejoining or context.is_finally:
+            return False
+        if step.meeting(frame) is not None:
+            robot.is_rejoining = False
+        return not find_meetings(frame, (step,))
+
+    def record_skip(self, context: ExecutionContext, step: Step, path: str) -> None:
+        """Record that a robot that was lost leaves out a step."""
+        robot = context.required_robot
+        label = step.describe(context.frame.scenario.parameters)
+        error = ErrorReport(
+            code=UnavailableError.code, message=f"{robot.name} was lost; it rejoins at its next meeting"
+        )
+
+        def skipped(time_s: float) -> StepEnded:
+            record = StepRecord(
+                robot=robot.name,
+                role=context.role,
+                step=path,
+                branch=context.branch,
+                kind=step.kind,
+                label=label,
+                resource=None,
+                command=None,
+                start_s=time_s,
+                end_s=time_s,
+                outcome="skipped",
+                attempts=0,
+                error=error,
+            )
+            self._run.records.append(record)
+            return StepEnded(time_s, record)
+
+        self._run.emit(skipped)

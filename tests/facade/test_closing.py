@@ -1,0 +1,108 @@
+"""Closing many robots: what takes its time is not taken for stuck, however busy the machine is."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from eal_actors import Fleet
+
+SLOW_PLUGIN = """
+import fcntl
+import threading
+
+from eal_actors.plugin import EALPlugin, Resource
+
+
+class Slow(Resource):
+    def get_value(self) -> int:
+        return 1
+
+    def close(self) -> None:
+        with open(__file__) as file:
+            fcntl.flock(file, fcntl.LOCK_EX)  # one after the other
+            threading.Event().wait(0.1)
+
+
+def connect() -> EALPlugin:
+    return EALPlugin("Slow")
+
+
+def disconnect(plugin: object) -> None:
+    pass
+
+
+def create_Slow() -> Slow:
+    return Slow()
+
+
+def destroy_Slow(resource: Slow) -> None:
+    pass
+"""
+
+
+@contextmanager
+def busy_machine(programs: int) -> Iterator[None]:
+    """Let programs compete for the processors."""
+    command = [sys.executable, "-c", "while True: pass"]
+    running = [subprocess.Popen(command) for _ in range(programs)]
+    try:
+        yield
+    finally:
+        for program in running:
+            program.kill()
+            program.wait()
+
+
+def closed(fleet: Fleet, timeout_s: float, capsys: pytest.CaptureFixture[str]) -> str:
+    """Close a fleet; return what was logged."""
+    capsys.readouterr()
+    fleet.close(timeout_s)
+    logged = capsys.readouterr()
+    return logged.out + logged.err
+
+
+def test_robots_that_close_one_after_the_other_are_not_stuck(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "slow_closing"
+    folder.mkdir()
+    (folder / "__init__.py").touch()
+    (folder / "plugin.py").write_text(SLOW_PLUGIN)
+    (folder / "plugin.yaml").write_text(
+        'version: 1\nname: slow_closing\ndescription: closes slowly\nplugin_version: "1"\nresources: [Slow]\n'
+    )
+    file = tmp_path / "fleet.yaml"
+    file.write_text('version: 1\nplugin_dirs: [.]\nrobots: {"r{n}": {count: 25, plugins: {slow_closing: {}}}}\n')
+    before = set(threading.enumerate())
+    fleet = Fleet.load(file)
+    fleet.connect()
+    assert all(robot["Slow"].get_value().get().value == 1 for robot in fleet.values())
+    assert "stuck" not in closed(fleet, 1.0, capsys)  # 2.5 s in all
+    assert set(threading.enumerate()) <= before
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("count", [400, 1000])
+def test_many_robots_close_on_a_busy_machine(count: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "fleet.yaml"
+    file.write_text(
+        "version: 1\n"
+        f'robots: {{"r{{n}}": {{count: {count}, timeout_s: 300, plugins: {{sim: {{model: roomba, noise: false}}}}}}}}\n'
+    )
+    before = set(threading.enumerate())
+    fleet = Fleet.load(file)
+    fleet.connect()
+    threads = threading.active_count()
+    with busy_machine(6):
+        logged = closed(fleet, 5.0, capsys)
+    print(f"{count} robots, {threads} threads")  # noqa: T201  # the figure of the long form
+    assert "stuck" not in logged
+    assert set(threading.enumerate()) <= before

@@ -1,0 +1,119 @@
+"""A program with open sessions ends with its own exit code: no thread is in the engine when the interpreter ends."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from eal_actors.kernel.bundled import bundled_path
+from eal_actors.wire.session import open_session, probe_config, router_config
+from tests.net.links import free_port
+from tests.net.rig import WAIT_S, Rig
+
+LISTENER = """
+import sys, threading
+from eal_actors.wire.session import open_session, probe_config
+from eal_actors.wire.transport import Transport
+arrived = threading.Event()
+session = open_session(probe_config(sys.argv[1]))
+transport = Transport(session.__enter__())
+transport.receive("eal/ticks", "reader", lambda _: arrived.set())
+assert arrived.wait(30)
+"""
+"""It receives messages, and ends without closing its session."""
+
+USER = """
+import os, signal, sys, threading
+from eal_actors import EALError, Fleet
+fleet = Fleet.load(sys.argv[1]).connect()
+gauge = fleet["r1"]["Gauge"]
+gauge.get_value(timeout_s=30).get()
+begins = threading.Barrier(5)
+def read():
+    begins.wait()
+    try:
+        while True:
+            gauge.get_value(timeout_s=5).get()
+    except EALError:
+        pass
+for _ in range(4):
+    threading.Thread(target=read, daemon=True).start()
+begins.wait()
+match sys.argv[2]:
+    case "sys.exit": sys.exit(7)
+    case "close": fleet.close()
+    case "SIGTERM" | "SIGINT" as name: os.kill(os.getpid(), signal.Signals[name])
+"""
+"""Four threads read while the program ends in one of several ways."""
+
+ENDS = {"return": 0, "sys.exit": 7, "close": 0, "SIGTERM": 143, "SIGINT": -2}
+
+
+def run(program: str, *arguments: object) -> subprocess.Popen[str]:
+    """Start a program."""
+    environment = {**os.environ, "PYTHONPATH": str(bundled_path("."))}
+    command = [sys.executable, "-c", program, *map(str, arguments)]
+    return subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
+
+
+def outcome(process: subprocess.Popen[str]) -> tuple[int, str]:
+    """Return a program's exit code and its last line of errors."""
+    _, errors = process.communicate(timeout=2 * WAIT_S)
+    return process.returncode, errors.strip().rpartition("\n")[2]
+
+
+@contextmanager
+def ticking(endpoint: str) -> Iterator[None]:
+    """Send messages through a router for the length of a `with` block, as fast as their receivers take them."""
+    ends = threading.Event()
+    with open_session(router_config([endpoint])), open_session(probe_config(endpoint)) as session:
+
+        def send() -> None:
+            while not ends.wait(0.001):
+                session.put("eal/ticks", b"tick", congestion_control=zenoh.CongestionControl.DROP)
+
+        sender = threading.Thread(target=send)
+        sender.start()
+        try:
+            yield
+        finally:
+            ends.set()
+            sender.join()
+
+
+def test_a_session_that_still_receives_does_not_abort_the_program_at_its_end() -> None:
+    """Every such program ended with SIGABRT."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with ticking(endpoint):
+        programs = [run(LISTENER, endpoint) for _ in range(3)]
+        assert [outcome(program) for program in programs] == [(0, "")] * 3
+
+
+def count_endings(folder: Path, programs: int) -> dict[str, Counter[int]]:
+    """Return the exit codes of programs that end while their threads read, four at once."""
+    rig = Rig(folder)
+    codes: dict[str, Counter[int]] = {how: Counter() for how in ENDS}
+    with rig.served_here():
+        for _ in range(programs // 4):
+            for how, counts in codes.items():
+                running = [run(USER, rig.file, how) for _ in range(4)]
+                counts.update(outcome(program)[0] for program in running)
+    return codes
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_two_hundred_programs_that_end_while_their_threads_read_keep_their_exit_codes(tmp_path: Path) -> None:
+    """6 of 200 ended with SIGABRT."""
+    codes = count_endings(tmp_path, 40)
+    print(codes)  # noqa: T201  # of the long form
+    assert codes == {how: Counter({code: 40}) for how, code in ENDS.items()}
