@@ -61,14 +61,11 @@ def find_mirror(mirrors: Path, name: str) -> Path | None:
 
 def plan(machine: str, mirrors: Path, work: Path) -> bool:
     """Plan all images for a machine, print errors and the number of tasks, and return whether it succeeded."""
-    settings = {
-        "safe.directory": "*",
-        **{f"url.{find_mirror(mirrors, n)}.insteadOf": u for n, u in repositories().items()},
-    }
+    settings = work / "gitconfig"
+    settings.write_text("[safe]\n\tdirectory = *\n")  # the mirrors may belong to another user
+    mirrored = (f"^{re.escape(url)}$ file://{find_mirror(mirrors, name)}" for name, url in repositories().items())
     env = {**os.environ, "KAS_WORK_DIR": str(work), "HOME": str(work), "LANG": "en_US.UTF-8", "LC_ALL": "en_US.UTF-8"}
-    env["GIT_CONFIG_COUNT"] = str(len(settings))
-    for number, (key, value) in enumerate(settings.items()):
-        env |= {f"GIT_CONFIG_KEY_{number}": key, f"GIT_CONFIG_VALUE_{number}": value}
+    env |= {"KAS_PREMIRRORS": "\n".join(mirrored), "GITCONFIG_FILE": str(settings)}
     project = work / "project"
     if not project.is_dir():
         shutil.copytree(REPOSITORY / "evbotos", project / "evbotos", ignore=shutil.ignore_patterns("__pycache__"))
