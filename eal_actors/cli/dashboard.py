@@ -14,6 +14,7 @@ from rich.text import Text
 
 from eal_actors.cli.fleets import read_fleet
 from eal_actors.cli.interrupts import handle_signals
+from eal_actors.cli.live_view import FoxgloveControlOption, FoxgloveOption, foxglove_at
 from eal_actors.cli.options import FleetOption
 from eal_actors.cli.output import stderr, stdout
 from eal_actors.facade.fleet import Fleet
@@ -47,6 +48,8 @@ def show_dashboard(
         ),
     ] = None,
     runs_dir: Annotated[Path, typer.Option(help="The folder for the runs' records.")] = Path("runs"),
+    foxglove: FoxgloveOption = None,
+    foxglove_control: FoxgloveControlOption = False,
 ) -> None:
     """Serve a web page to watch and control a fleet, until Ctrl-C or SIGTERM.
 
@@ -74,8 +77,8 @@ def show_dashboard(
     with Fleet(config).connect() as opened:
         folders = {"scenarios": scenarios or _scenarios(), "runs_dir": runs_dir, "keys": folder_of(config)}
         page = Dashboard(opened, access, port=port, tls=tls, **folders)
-        with page:
-            out = stdout()
+        out = stdout()
+        with foxglove_at(foxglove, opened, out, allow_control=foxglove_control), page:
             try:
                 _announce(page, config.name, out)
                 if tls is None and not is_loopback(host):

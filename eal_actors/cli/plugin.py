@@ -19,10 +19,10 @@ from eal_actors import plugin as plugin_api
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.options import EalCommand, EalCommandGroup, GlobalOptions, JsonOption
 from eal_actors.cli.output import PAGE_WIDTH, counted, new_table, print_line, stderr, stdout, write_json
+from eal_actors.cli.plugin_settings import SettingOption, parse_settings
 from eal_actors.kernel.bundled import short_path
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.log import configure_logging
-from eal_actors.kernel.yaml_source import parse_yaml
 from eal_actors.managers.plugins import EALPluginManager
 from eal_actors.testing.conformance import Bench, CheckResult, run_checks, settings_of
 
@@ -124,10 +124,7 @@ def _refused(path: str, reason: str) -> ConfigError:
 def check_plugin(
     context: typer.Context,
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="The plugin's folder.", show_default=False)],
-    setting: Annotated[
-        list[str] | None,
-        typer.Option(metavar="KEY=VALUE", show_default=False, help="A setting, as YAML; repeatable."),
-    ] = None,
+    setting: SettingOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Check that a plugin meets the contract of all plugins.
@@ -136,7 +133,7 @@ def check_plugin(
     failed. Log lines are shown at the end, because the checks cause most of them, such as by unplugging the device.
     """
     results = []
-    bench = Bench(folder, settings_of(_parse_settings(setting or [])))
+    bench = Bench(folder, settings_of(parse_settings(setting or [])))
     with _log_at_the_end(context.find_object(GlobalOptions) or GlobalOptions()):
         for result in run_checks(bench):
             results.append(result)
@@ -161,20 +158,6 @@ def _log_at_the_end(options: GlobalOptions) -> Iterator[None]:
     finally:
         configure_logging(options.log_format, options.log_level)
         sys.stderr.write(held.getvalue())
-
-
-def _parse_settings(texts: Sequence[str]) -> dict[str, Any]:
-    settings: dict[str, Any] = {}
-    for text in texts:
-        key, equals, value = text.partition("=")
-        if not equals or not key:
-            raise typer.BadParameter(f"must be KEY=VALUE, not {text!r}", param_hint="--setting")
-        try:
-            settings[key] = parse_yaml(f"value: {value}", f"--setting {key}").root["value"]
-        except ConfigError as error:
-            reasons = "; ".join(problem.message for problem in error.problems)
-            raise typer.BadParameter(f"{text!r}: {reasons}", param_hint="--setting") from None
-    return settings
 
 
 def _print_result(result: CheckResult) -> None:

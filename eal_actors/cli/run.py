@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import typer
 from rich.console import Console
@@ -15,6 +16,7 @@ from rich.console import Console
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.fleets import plugin_advice, require_modules
 from eal_actors.cli.interrupts import RunInterrupts
+from eal_actors.cli.live_view import FoxgloveControlOption, FoxgloveOption, foxglove_at
 from eal_actors.cli.options import (
     BindingsOption,
     GlobalOptions,
@@ -63,6 +65,9 @@ from eal_actors.recording.run_folder import TRAJECTORY
 from eal_actors.scenario import Listener, Plan, Report, Run, make_plan
 from eal_actors.scenario.language.binding import find_candidates
 
+if TYPE_CHECKING:
+    from eal_actors.operate.foxglove import LiveView
+
 _DESKTOPS: Final = ("DISPLAY", "WAYLAND_DISPLAY")  # environment variables, one of which is set if there is a desktop
 
 
@@ -81,6 +86,8 @@ def run_scenario(
     rate: RateOption = None,
     as_json: JsonOption = False,
     metrics_port: MetricsPortOption = None,
+    foxglove: FoxgloveOption = None,
+    foxglove_control: FoxgloveControlOption = False,
     trace: TraceOption = None,
     no_plot: NoPlotOption = False,
     film: FilmOption = False,
@@ -104,7 +111,8 @@ def run_scenario(
         return
     with event_stream(events) as listeners, traces_to(trace, "eal run", console):
         options = context.find_object(GlobalOptions) or GlobalOptions()
-        finished = _execute(request, runs_dir, console, options, listeners, record, metrics_port)
+        view = partial(foxglove_at, foxglove, console=console, allow_control=foxglove_control)
+        finished = _execute(request, runs_dir, console, options, listeners, record, metrics_port, view)
     drawings = _Drawings(not no_plot and finished.interrupts < 2, film and finished.interrupts < 2, show)
     _show(finished, request.config, console, drawings, as_json=as_json)
     is_lacking = strict and bool(finished.report.dropped)
@@ -171,12 +179,14 @@ def _execute(
     listeners: Sequence[Listener],
     extent: Extent,
     metrics_port: int | None,
+    view: Callable[[Fleet], AbstractContextManager[LiveView | None]],
 ) -> _FinishedRun:
     """Connect the robots of the scenario, show and record the run, and disconnect them."""
     require_modules(request.config, _bound_robots(request))
     with (
         Fleet(request.config).connect(_bound_robots(request)) as opened,
         metrics_at(metrics_port, opened, opened.clock, console),
+        view(opened) as live,
     ):
         with plugin_advice(opened):
             plan = _plan(request, opened)
@@ -188,7 +198,13 @@ def _execute(
                 resumption = replace(resumption, time_s=repair_record(directory))
             _keep_provenance(directory, request, plan)
             recorder = RunRecorder(opened, [name for name in plan.robots if name not in plan.lost], directory, extent)
-        run = Run(plan, opened, directory, [progress.on_event, recorder.hear, *listeners], resumption)
+        run = Run(
+            plan,
+            opened,
+            directory,
+            [progress.on_event, recorder.hear, *([live.hear] if live is not None else []), *listeners],
+            resumption,
+        )
         with ExitStack() as stack:
             stack.enter_context(progress)
             stack.enter_context(recorder)

@@ -129,6 +129,8 @@ class ManifestFile(StrictModel):
     replays: bool = False
     """Whether it plays a recorded robot for `eal replay`, by its settings `record` and `loop`."""
     emulator: EmulatorSection | None = None
+    bridge: Identifier | None = None
+    """Module of the plugin that connects a whole fleet to another system, for `eal bridge`."""
     devices: tuple[DeviceSection, ...] = Field(default=(), strict=False)
     """The devices that its settings name."""
     former_names: dict[Name, Text] = Field(default={}, json_schema_extra=NAMES_ONLY)

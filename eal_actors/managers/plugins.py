@@ -29,7 +29,7 @@ from eal_actors.device.plugin_context import (
 )
 from eal_actors.device.ports import BytePort
 from eal_actors.device.resource import Resource
-from eal_actors.kernel.errors import ConfigError, EALError, PluginError, Problem, error_text
+from eal_actors.kernel.errors import ArgumentError, ConfigError, EALError, PluginError, Problem, error_text
 from eal_actors.managers.fleet_model import PluginSettings, RobotConfig
 from eal_actors.managers.manifest import PluginManifest, discover
 
@@ -249,6 +249,31 @@ class EALPluginManager:
             PluginError: there is no such plugin, it makes no cameras, or it refuses.
         """
         return self._simulator(url, "open_camera")(context, url)
+
+    def bridge(self, name: str, settings: Mapping[str, Any]) -> tuple[ModuleType, Any]:
+        """Return a plugin's bridge, and its checked settings.
+
+        Returns:
+            The module, whose `open_bridge(fleet, settings)` is a context manager that yields what it does, and an
+            instance of its `BridgeSettings`.
+
+        Raises:
+            ArgumentError: there is no such plugin, it brings no bridge, or the settings are wrong.
+            PluginError: it does not import.
+        """
+        manifest = self.manifests.get(name)
+        if manifest is None or manifest.file.bridge is None:
+            bridges = [known for known, other in self.manifests.items() if other.file.bridge]
+            raise ArgumentError(f"no plugin {name!r} brings a bridge; those that do: {', '.join(bridges) or 'none'}")
+        package = import_plugin(manifest).__package__
+        try:
+            module = importlib.import_module(f"{package}.{manifest.file.bridge}")
+            return module, module.BridgeSettings.model_validate(dict(settings))
+        except ValidationError as error:
+            wrong = "; ".join(f"{'.'.join(map(str, one['loc']))}: {one['msg']}" for one in error.errors())
+            raise ArgumentError(f"bridge {name!r}: {wrong}") from None
+        except Exception as error:
+            raise PluginError(f"plugin {name!r}: its bridge fails to import: {error_text(error)}") from error
 
     def _simulator(self, url: str, function: str) -> Callable[..., Any]:
         scheme, what = url.partition("://")[0], function.removeprefix("open_")

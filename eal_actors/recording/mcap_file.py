@@ -6,6 +6,7 @@ import json
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
 from struct import error as StructError  # noqa: N812  # named like the other errors
 from typing import TYPE_CHECKING, Any, Final
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
 RECORD_FILE: Final = "run.mcap"
 EVENTS_TOPIC: Final = "/events"
 ARENA_TOPIC: Final = "/arena"
+HULLS_TOPIC: Final = "/robots"
+_CLOCK: Final = "clock"
+_START: Final = "start_ns"
 _LIBRARY: Final = "eal_actors"
 _CHUNK_BYTES: Final = 65536
 """A crash of the controller loses at most so much of the end of a file; events.jsonl loses nothing."""
@@ -44,10 +48,14 @@ def _as_json(value: object) -> bytes:
 
 
 class McapFile:
-    """An MCAP file being written. The same messages in the same order make the same bytes.
+    """An MCAP file being written. The same messages in the same order with the same start make the same bytes.
+
+    Times in the file are wall-clock times, so that viewers show the date; its metadata has the run's start, by which
+    readers return seconds since then.
 
     Args:
         path: the file; an existing one is replaced.
+        start: when the run starts; None for 1970, or for the start of the first file that is copied.
 
     Attributes:
         counts: the number of messages of each topic.
@@ -61,7 +69,7 @@ class McapFile:
     Thread: one at a time.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, start: datetime | None = None) -> None:
         require_mcap()
         from mcap.writer import Writer
 
@@ -74,6 +82,9 @@ class McapFile:
         self.attached: dict[str, Any] = {}
         self.counts: dict[str, int] = {}
         self.newest_s: dict[str, float] = {}
+        self._start_ns = 0
+        if start is not None:
+            self.add_metadata(_CLOCK, {_START: str(nanoseconds(start.timestamp()))})
 
     def write(self, topic: str, schema: MessageSchema, time_s: float, message: Message) -> None:
         """Append a message; `time_s` counts from the run's start.
@@ -81,18 +92,21 @@ class McapFile:
         Raises:
             OSError: it cannot be written.
         """
-        self._add(topic, schema, nanoseconds(time_s), _as_json(message))
+        shifted = messages.shifted(message, self._start_ns)
+        self._add(topic, schema, self._start_ns + nanoseconds(time_s), _as_json(shifted))
 
     def _add(self, topic: str, schema: MessageSchema, time_ns: int, data: bytes) -> None:
         channel = self._channels.get(topic)
         if channel is None:
             channel = self._channels[topic] = self._writer.register_channel(topic, "json", self._schema(schema))
         self.counts[topic] = self.counts.get(topic, 0) + 1
-        self.newest_s[topic] = max(self.newest_s.get(topic, 0.0), time_ns / _NS)
+        self.newest_s[topic] = max(self.newest_s.get(topic, 0.0), (time_ns - self._start_ns) / _NS)
         self._writer.add_message(channel, log_time=time_ns, publish_time=time_ns, data=data)
 
     def copy(self, path: Path, without: Collection[str] = ()) -> None:
         """Append the readable part of another file; attachments and metadata that exist here are kept.
+
+        Seconds since the start stay the same, so the part of a resumed run has times as if it had not been interrupted.
 
         Args:
             path: the other file.
@@ -104,6 +118,7 @@ class McapFile:
         """
         from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
+        start_ns = 0
         known: dict[int, MessageSchema] = {}
         channels: dict[int, tuple[str, MessageSchema]] = {}
         with _errors_of(path):
@@ -116,11 +131,20 @@ class McapFile:
                     case Message():
                         topic, schema = channels[record.channel_id]
                         if topic not in without:
-                            self._add(topic, schema, record.log_time, record.data)
+                            self._copy(topic, schema, record, self._start_ns - start_ns)
                     case Attachment():
                         self.attach(record.name, json.loads(record.data))
                     case Metadata():
                         self.add_metadata(record.name, record.metadata)
+                        if record.name == _CLOCK:
+                            start_ns = int(record.metadata[_START])
+
+    def _copy(self, topic: str, schema: MessageSchema, record: Any, later_ns: int) -> None:
+        """Append a message of another file, whose run started `later_ns` before ours."""
+        data = record.data
+        if later_ns:
+            data = _as_json(messages.shifted(json.loads(data), later_ns))
+        self._add(topic, schema, record.log_time + later_ns, data)
 
     def _schema(self, schema: MessageSchema) -> int:
         if schema.name not in self._schemas:
@@ -149,6 +173,8 @@ class McapFile:
         if name in self._names:
             return
         self._names.add(name)
+        if name == _CLOCK:
+            self._start_ns = int(texts[_START])
         self._writer.add_metadata(name, dict(texts))
 
     def close(self) -> None:
@@ -256,6 +282,7 @@ def read_mcap(path: Path) -> McapContent:
     content = McapContent()
     names: dict[int, str] = {}
     channels: dict[int, tuple[str, str]] = {}
+    start_ns = 0
     with _errors_of(path):
         for record in _records(path):
             match record:
@@ -266,12 +293,15 @@ def read_mcap(path: Path) -> McapContent:
                     channels[record.id] = record.topic, names[record.schema_id]
                 case MessageRecord():
                     topic, schema = channels[record.channel_id]
-                    message = json.loads(record.data)
-                    content.messages.append(RecordedMessage(record.log_time / _NS, topic, schema, message))
+                    message = messages.shifted(json.loads(record.data), -start_ns)
+                    time_s = (record.log_time - start_ns) / _NS
+                    content.messages.append(RecordedMessage(time_s, topic, schema, message))
                 case Attachment():
                     content.attachments[record.name] = json.loads(record.data)
                 case Metadata():
                     content.metadata[record.name] = record.metadata
+                    if record.name == _CLOCK:
+                        start_ns = int(record.metadata[_START])
                 case Footer():
                     content.is_complete = True
     return content
@@ -297,5 +327,5 @@ def _errors_of(path: Path) -> Iterator[None]:
 
     try:
         yield
-    except (McapError, ZstdError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (McapError, ZstdError, ValueError, KeyError, TypeError, AttributeError, MemoryError, OverflowError) as error:
         raise ScenarioError(f"{path} is no record of a run: {type(error).__name__}: {error}") from error

@@ -26,6 +26,9 @@ _HOLE: Final = (0.08, 0.08, 0.08, 1.0)
 _INK: Final = (0.1, 0.1, 0.1, 1.0)
 _FLOOR_M: Final = 0.005
 _LABEL_M: Final = 0.15
+_HULL_M: Final = 0.1
+_HULLS: Final = ((0.0, 0.45, 0.7, 0.8), (0.84, 0.37, 0.0, 0.8), (0.0, 0.62, 0.45, 0.8), (0.8, 0.47, 0.65, 0.8))
+"""The colours of robots, those of the pictures of runs."""
 FARTHEST_M: Final = sys.float_info.max
 """An infinite range, for which JSON has no number."""
 
@@ -43,6 +46,21 @@ def base_frame(robot: str) -> str:
 def _stamp(time_s: float) -> Message:
     sec, nsec = divmod(nanoseconds(time_s), _NS)
     return {"sec": sec, "nsec": nsec}
+
+
+def shifted(message: Message, by_ns: int) -> Message:
+    """Return a message with its times moved, also those of the transforms and entities in it."""
+    if not by_ns:
+        return message
+    moved = dict(message)
+    if "timestamp" in message:
+        stamp = message["timestamp"]
+        sec, nsec = divmod(stamp["sec"] * _NS + stamp["nsec"] + by_ns, _NS)
+        moved["timestamp"] = {"sec": sec, "nsec": nsec}
+    for part in ("transforms", "entities"):
+        if part in message:
+            moved[part] = [shifted(item, by_ns) for item in message[part]]
+    return moved
 
 
 def stamped(time_s: float) -> Message:
@@ -85,14 +103,18 @@ def pose_message(sample: PoseSample) -> Message:
 
 def transform_message(robot: str, sample: PoseSample) -> Message:
     """Return a FrameTransforms from the world to the robot's own frame."""
-    transform = {
+    return {"transforms": [transform_of(robot, sample)]}
+
+
+def transform_of(robot: str, sample: PoseSample) -> Message:
+    """Return the transform from the world to the robot's own frame."""
+    return {
         "timestamp": _stamp(sample.time_s),
         "parent_frame_id": WORLD_FRAME,
         "child_frame_id": base_frame(robot),
         "translation": _vector(sample.x_m, sample.y_m),
         "rotation": _turn(sample.yaw_rad),
     }
-    return {"transforms": [transform]}
 
 
 def image_message(time_s: float, frame_id: str, file: bytes, encoding: str) -> Message:
@@ -180,10 +202,38 @@ def scene_message(world: WorldModel) -> Message:
         colour = (*(channel / 255 for channel in beacon.colour), 1.0)
         cylinders.append(_cylinder(beacon.x_m, beacon.y_m, beacon.radius_m, beacon.height_m, colour))
     texts = [_label(beacon.x_m, beacon.y_m, beacon.height_m, beacon.name) for beacon in world.beacons]
-    entity = {
-        "timestamp": _stamp(0.0),
-        "frame_id": WORLD_FRAME,
-        "id": world.name,
+    return {"deletions": [], "entities": [_entity(world.name, WORLD_FRAME, 0.0, cubes, cylinders, texts)]}
+
+
+def hull_message(radius_m: Mapping[str, float], time_s: float = 0.0) -> Message:
+    """Return a SceneUpdate of robots: a disc of its radius in each robot's frame, a bar ahead, and its name.
+
+    Args:
+        radius_m: the radius of each robot by its name.
+        time_s: the time of the message.
+    """
+    entities = []
+    for number, (robot, radius) in enumerate(radius_m.items()):
+        colour = _HULLS[number % len(_HULLS)]
+        bar = {"pose": _pose(radius / 2, 0.0, _HULL_M), "size": _vector(radius, 0.03, 0.03), "color": _colour(_INK)}
+        disc = _cylinder(0.0, 0.0, radius, _HULL_M, colour)
+        label = _label(0.0, 0.0, _HULL_M, robot)
+        entities.append(_entity(f"{robot}/hull", base_frame(robot), time_s, [bar], [disc], [label]))
+    return {"deletions": [], "entities": entities}
+
+
+def _entity(
+    name: str,
+    frame_id: str,
+    time_s: float,
+    cubes: Sequence[Message],
+    cylinders: Sequence[Message],
+    texts: Sequence[Message],
+) -> Message:
+    return {
+        "timestamp": _stamp(time_s),
+        "frame_id": frame_id,
+        "id": name,
         "lifetime": {"sec": 0, "nsec": 0},
         "frame_locked": True,
         "cubes": cubes,
@@ -191,7 +241,6 @@ def scene_message(world: WorldModel) -> Message:
         "texts": texts,
         **{shape: [] for shape in UNUSED_SHAPES},
     }
-    return {"deletions": [], "entities": [entity]}
 
 
 def _boxes(world: WorldModel) -> Iterable[BoxObstacle]:

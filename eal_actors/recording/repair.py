@@ -11,6 +11,7 @@ from eal_actors.kernel.log import get_logger
 from eal_actors.recording.mcap_file import (
     ARENA_TOPIC,
     EVENTS_TOPIC,
+    HULLS_TOPIC,
     RECORD_FILE,
     McapFile,
     pose_topic,
@@ -73,7 +74,7 @@ def merge_record(run: RunFolder) -> float:
     try:
         for part in parts:
             if part.exists():
-                file.copy(part, without=[topic for topic in (ARENA_TOPIC,) if topic in file.counts])
+                file.copy(part, without=[topic for topic in (ARENA_TOPIC, HULLS_TOPIC) if topic in file.counts])
         _restore_lost(file, run)
     finally:
         file.close()

@@ -11,12 +11,21 @@ from typing import Final, Literal, Self, TypeAlias
 
 from eal_actors.actors.handles import ResourceHandle
 from eal_actors.device.data import EALData
-from eal_actors.device.info import ResourceInfo, ResourceType
+from eal_actors.device.info import ResourceType
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.clock import wall_time
 from eal_actors.kernel.errors import EALError, UnsupportedError
 from eal_actors.kernel.log import get_logger
 from eal_actors.recording import messages, schemas
-from eal_actors.recording.mcap_file import ARENA_TOPIC, RECORD_FILE, McapFile, write_event, write_path, write_pose
+from eal_actors.recording.mcap_file import (
+    ARENA_TOPIC,
+    HULLS_TOPIC,
+    RECORD_FILE,
+    McapFile,
+    write_event,
+    write_path,
+    write_pose,
+)
 from eal_actors.recording.poses import (
     POSE_PERIOD_S,
     POSE_RESOURCES,
@@ -29,17 +38,21 @@ from eal_actors.recording.recorded_run import INFOS
 from eal_actors.recording.repair import PART_FILE, merge_record
 from eal_actors.recording.run_folder import TRAJECTORY, RunFolder
 from eal_actors.recording.sampler import Sampler, SampleSpec
+from eal_actors.recording.value_messages import (
+    hull_radii_m,
+    message_of,
+    resource_infos,
+    scanner_angles,
+    topic_of,
+)
 from eal_actors.scenario.report.events import RunContinued, RunEvent, RunStarted, StepEnded
 from eal_actors.scenario.report.summary import StepRecord
-from eal_actors.wire.format.images import encode_image
 
 Extent: TypeAlias = Literal["poses", "sensors", "all"]
 """The extent of a record beside events: poses; also the values of all sensors except cameras; also images."""
 
 SENSOR_PERIOD_S: Final = 0.2
 FRAME_PERIOD_S: Final = 0.2
-_ANGLES: Final = "angles"
-"""The request for the directions of a scanner's rays."""
 RUN: Final = "run"
 
 
@@ -64,7 +77,7 @@ class RunRecorder:
         self._start_s: float | None = None
         self._first_s = 0.0
         self._early: dict[str, Callable[[float], None]] = {}
-        self._infos = _infos(fleet, robots)
+        self._infos = resource_infos(fleet, robots)
         self._angles: Mapping[str, list[float]] = {}
         self._directory = directory
         self._table: TrajectoryTable | None = TrajectoryTable(directory / TRAJECTORY)
@@ -76,7 +89,7 @@ class RunRecorder:
     def __enter__(self) -> Self:
         if self._file is not None:
             self._guarded(self._open)
-            self._angles = _angles(self._infos, self._specs)
+            self._angles = scanner_angles(self._infos, self._specs)
         self._sampler.__enter__()
         return self
 
@@ -114,6 +127,8 @@ class RunRecorder:
         file.flush()
         if config.world is not None:
             file.write(ARENA_TOPIC, schemas.SCENE, 0.0, messages.scene_message(config.world))
+        if radii_m := hull_radii_m(self._fleet, self._infos):
+            file.write(HULLS_TOPIC, schemas.SCENE, 0.0, messages.hull_message(radii_m))
 
     # Samples. Thread: the sampler's.
 
@@ -128,13 +143,13 @@ class RunRecorder:
             write = partial(self._write_value, resource, data)
         with self._lock:
             if self._start_s is None:  # the last value before the start becomes the first one
-                self._early[_topic(resource)] = write
+                self._early[topic_of(resource)] = write
             else:
                 write(self._run_s(stamp_s))
         return True
 
     def _write_pose(self, resource: ResourceHandle, sample: PoseSample, time_s: float) -> None:
-        robot, name, topic = resource.robot, resource.name, _topic(resource)
+        robot, name, topic = resource.robot, resource.name, topic_of(resource)
         if time_s <= self._newest_s.get(topic, -1.0):
             return
         self._newest_s[topic] = time_s
@@ -151,23 +166,13 @@ class RunRecorder:
             self._table = None
 
     def _write_value(self, resource: ResourceHandle, data: EALData, time_s: float) -> None:
-        topic = _topic(resource)
-        frame_id = data.frame_id or messages.base_frame(resource.robot)
-        if data.dtype == "|u1" and data.shape is not None and data.shape[2:] == (3,):
-            schema, message = schemas.IMAGE, self._image(data, time_s, frame_id)
-        elif (angles_rad := self._angles.get(topic)) and data.shape == (len(angles_rad),):
-            schema, message = schemas.SCAN, messages.scan_message(time_s, frame_id, data.value.tolist(), angles_rad)
-        else:
-            schema, message = schemas.VALUE, messages.value_message(time_s, data)
-        if message is not None:
-            self._guarded(lambda file: file.write(topic, schema, time_s, message))
-
-    def _image(self, data: EALData, time_s: float, frame_id: str) -> messages.Message | None:
+        topic = topic_of(resource)
         try:
-            return messages.image_message(time_s, frame_id, encode_image(data, "jpeg"), "jpeg")
+            schema, message = message_of(resource, data, time_s, self._angles.get(topic))
         except EALError as error:
             get_logger().warning("an image is not recorded", reason=error.message)
-            return None
+            return
+        self._guarded(lambda file: file.write(topic, schema, time_s, message))
 
     # Events. Thread: the run's.
 
@@ -210,39 +215,7 @@ class RunRecorder:
 def _new_file(directory: Path) -> McapFile | None:
     path = directory / RECORD_FILE
     try:
-        return McapFile(path if not path.exists() else directory / PART_FILE)
+        return McapFile(path if not path.exists() else directory / PART_FILE, wall_time())
     except UnsupportedError as error:
         get_logger().warning("there will be no run.mcap", reason=error.message)
         return None
-
-
-def _infos(fleet: Fleet, robots: Iterable[str]) -> Mapping[str, Mapping[str, ResourceInfo]]:
-    found: dict[str, dict[str, ResourceInfo]] = {}
-    for robot in robots:
-        found[robot] = {}
-        for name, resource in fleet[robot].items():
-            try:
-                found[robot][name] = resource.info
-            except EALError as error:
-                get_logger(robot=robot).warning("a resource is not recorded", resource=name, reason=error.message)
-    return found
-
-
-def _topic(resource: ResourceHandle) -> str:
-    return f"/{resource.robot}/{resource.name}"
-
-
-def _angles(infos: Mapping[str, Mapping[str, ResourceInfo]], specs: Iterable[SampleSpec]) -> dict[str, list[float]]:
-    """Return the directions of each scanner's rays, by its topic. Thread: waits for the answers."""
-    asked = {
-        _topic(resource): resource.send_req(_ANGLES)
-        for resource, _ in specs
-        if any(request.name == _ANGLES for request in infos[resource.robot][resource.name].requests)
-    }
-    found = {}
-    for topic, answer in asked.items():
-        try:
-            found[topic] = [float(angle_rad) for angle_rad in answer.get().value]
-        except EALError as error:
-            get_logger().warning("the angles of a scanner are unknown", topic=topic, reason=error.message)
-    return found

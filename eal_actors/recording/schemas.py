@@ -100,6 +100,16 @@ VALUE: Final = MessageSchema(
 """Any value for which Foxglove has no schema, with its type, unit and shape."""
 EVENT: Final = MessageSchema("eal.Event", _object(timestamp=_TIME, event=_TEXT))
 """A line of `events.jsonl`."""
+STATE: Final = MessageSchema(
+    "eal.State",
+    _object(
+        timestamp=_TIME,
+        robots=_list(
+            _object(name=_TEXT, state=_TEXT, stopped=_TEXT, running=_list(_TEXT), not_ready=_list(_TEXT)),
+        ),
+    ),
+)
+"""The states of all robots, in live views."""
 COMMAND: Final = MessageSchema(
     "eal.Command",
     _object(

@@ -88,17 +88,19 @@ Injectable = Mapping[str, tuple[str, Mapping[str, FaultSection]]]
 
 
 def find_positions(report: Report) -> tuple[Position, ...]:
-    """Return the steps of all robots, in the order of their passes, then of their starts."""
+    """Return the steps of all robots, in the order of their passes, then of their starts.
+
+    A step outside of `on`, such as a formation, is one of each robot that took part.
+    """
     seen: Counter[tuple[str, str]] = Counter()
     found = []
     for record in sorted(report.steps, key=lambda record: record.start_s):
-        if record.robot is None:
-            continue
-        seen[record.robot, record.step] += 1
         is_instant = record.end_s - record.start_s < _INSTANT_S
         at_s = max(0.0, record.start_s - _BEFORE_S) if is_instant else (record.start_s + record.end_s) / 2
-        number = seen[record.robot, record.step]
-        found.append(Position(record.robot, record.step, number, record.label, record.resource, at_s))
+        part = [name for name, robot in report.robots.items() if robot.outcome != "spare"]
+        for name in part if record.robot is None else [record.robot]:
+            seen[name, record.step] += 1
+            found.append(Position(name, record.step, seen[name, record.step], record.label, record.resource, at_s))
     return tuple(sorted(found, key=lambda position: position.number))
 
 

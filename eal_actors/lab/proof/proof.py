@@ -189,6 +189,8 @@ def prove(request: ProofRequest, on_case: OnCase = lambda _case, _count: None) -
     positions = find_positions(_require_done(healthy))
     injectable = injectable_faults(twins.config)
     singles = single_faults(positions, injectable, healthy.start_s, request.kinds)
+    if not singles:
+        raise ScenarioError("no fault can be tried: no robot whose plugin declares faults performs a step")
     runner = _CaseRunner(request, content, healthy)
     cases = runner.try_all(plan_cases(singles, request.runs, twins.config.seed), on_case)
     return Proof(

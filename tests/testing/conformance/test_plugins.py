@@ -12,7 +12,14 @@ from tests.recording.conftest import record_run
 from tests.unit.plugins.camera.rig import write_folder
 from tests.unit.plugins.tracker.pictures import DISTORTION, FLOOR, MATRIX, SIZE, Mark, draw
 
-FOLDERS = sorted(manifest.parent for manifest in bundled_path("plugins").glob("*/plugin.yaml"))
+ELSEWHERE = ("ros2",)
+"""Plugins that need a robot of others: tests/unit/plugins/ros2/test_conformance.py."""
+
+FOLDERS = sorted(
+    manifest.parent
+    for manifest in bundled_path("plugins").glob("*/plugin.yaml")
+    if manifest.parent.name not in ELSEWHERE
+)
 
 PICTURES, RECORD, OVERHEAD = "pictures", "record", "overhead"
 """Stand for folders of images, and for the folder of a run, which fixtures of these names make."""

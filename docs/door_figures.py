@@ -1,0 +1,129 @@
+"""Make the pictures of the doors, from what programs of others received: `python -m docs.door_figures`."""
+
+from __future__ import annotations
+
+import json
+import math
+import tempfile
+from pathlib import Path
+from typing import Any, Final
+
+from eal_actors import Fleet
+from eal_actors.managers.plugins import EALPluginManager
+from eal_actors.operate.foxglove import LiveView
+from eal_actors.recording.arena import draw_arena, draw_grid, new_figure
+from tests.operate.foxglove.viewer import Viewer
+from tests.unit.plugins.ros2.rig import ros2_peer
+
+IMAGES: Final = Path(__file__).parent / "images"
+SIDE_M: Final = 0.8
+SPEED_M_S: Final = 0.25
+RATE_RAD_S: Final = 1.0
+
+
+def fleet_file(folder: Path, robots: dict[str, Any]) -> Path:
+    """Write a fleet in the laboratory."""
+    file = folder / "fleet.yaml"
+    world = str(Path("fleets/worlds/lab.yaml").resolve())
+    file.write_text(json.dumps({"version": 1, "name": "figure", "world": world, "robots": robots}))
+    return file
+
+
+def draw_ros2(folder: Path) -> None:
+    """Drive a simulated robot by cmd_vel, and draw the odometry and scans that a ROS 2 client received."""
+    robots = {"roomba-1": {"plugins": {"sim": {"model": "roomba", "lidar": {"rays": 180}}}}}
+    odometry: list[tuple[float, float, float]] = []
+    scans: list[tuple[tuple[float, float, float], Any]] = []
+
+    def keep_pose(message: Any) -> None:
+        place, turn = message.pose.pose.position, message.pose.pose.orientation
+        odometry.append((place.x, place.y, 2 * math.atan2(turn.z, turn.w)))
+
+    def keep_scan(message: Any) -> None:
+        if odometry:
+            scans.append((odometry[-1], message))
+
+    with ros2_peer(folder / "messages") as router, router as peer, Fleet.load(fleet_file(folder, robots)) as fleet:
+        bridge, settings = EALPluginManager().bridge("ros2", {"router": peer.endpoint, "rate_hz": 20})
+        with bridge.open_bridge(fleet, settings):
+            peer.subscriber("/roomba_1/odom", "nav_msgs/msg/Odometry", keep_pose)
+            peer.subscriber("/roomba_1/scan", "sensor_msgs/msg/LaserScan", keep_scan)
+            commands = peer.publisher("/roomba_1/cmd_vel", "geometry_msgs/msg/Twist")
+            vector = peer.type("geometry_msgs/msg/Vector3")
+            for speed, rate, duration_s in ((SPEED_M_S, 0.0, SIDE_M / SPEED_M_S), (0.0, RATE_RAD_S, math.pi / 2)) * 4:
+                end_s = fleet.clock.now() + duration_s
+                while fleet.clock.now() < end_s:
+                    commands.publish(linear=vector(x=speed, y=0.0, z=0.0), angular=vector(x=0.0, y=0.0, z=rate))
+                    fleet.clock.sleep(0.05)
+    figure = _figure()
+    axes = figure.subplots()
+    for (x_m, y_m, yaw_rad), scan in scans[:: max(1, len(scans) // 12)]:
+        angles = [yaw_rad + scan.angle_min + scan.angle_increment * number for number in range(len(scan.ranges))]
+        hits = [(r, a) for r, a in zip(scan.ranges, angles, strict=True) if r < scan.range_max - 0.05]
+        axes.plot(
+            [x_m + r * math.cos(a) for r, a in hits],
+            [y_m + r * math.sin(a) for r, a in hits],
+            ".",
+            ms=1.5,
+            color="#0072b2",
+        )
+    axes.plot([pose[0] for pose in odometry], [pose[1] for pose in odometry], color="#d55e00", linewidth=2)
+    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+    axes.set_title("/roomba_1/odom and /roomba_1/scan, as a ROS 2 client received them", loc="left", fontsize=10)
+    draw_grid(axes)
+    figure.savefig(IMAGES / "ros2.png")
+
+
+def draw_foxglove(folder: Path) -> None:
+    """Let three robots drive, and draw the hulls, paths and arena that a viewer received."""
+    robots = {
+        name: {"plugins": {"sim": {"model": name.partition("-")[0]}}} for name in ("evbot2-1", "evbot3-1", "roomba-1")
+    }
+    paths: dict[str, list[tuple[float, float]]] = {}
+    with Fleet.load(fleet_file(folder, robots)) as fleet, LiveView(fleet, port=0) as view, Viewer(view.url) as viewer:
+        viewer.subscribe("/tf", "/robots", "/arena")
+        driving = [robot["Base"].send_cmd(command) for robot in fleet.values() for command in ("f0.6",)]
+        radii: dict[str, float] = {}
+        turned = False
+        for shown in viewer.messages():
+            if shown.topic == "/robots":
+                radii = {one["frame_id"]: one["cylinders"][0]["size"]["x"] / 2 for one in shown.message["entities"]}
+            for one in shown.message.get("transforms", ()):
+                place = one["translation"]
+                paths.setdefault(one["child_frame_id"], []).append((place["x"], place["y"]))
+            if all(one.done() for one in driving):
+                if turned:
+                    break
+                turned = True
+                driving = [robot["Base"].set_value([0.15, 0.3]) for robot in fleet.values()]
+        world = fleet.config.world
+    figure = _figure()
+    axes = figure.subplots()
+    if world is not None:
+        draw_arena(axes, world)
+    for (frame, path), colour in zip(paths.items(), ("#0072b2", "#d55e00", "#009e73"), strict=True):
+        axes.plot([x for x, _ in path], [y for _, y in path], color=colour, linewidth=2)
+        axes.add_patch(_disc(path[-1], radii[frame], colour))
+        axes.annotate(frame.removesuffix("/base"), path[-1], textcoords="offset points", xytext=(12, 8), fontsize=9)
+    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+    axes.set_title("/tf and /robots, as a viewer received them", loc="left", fontsize=10)
+    figure.savefig(IMAGES / "foxglove.png")
+
+
+def _figure() -> Any:
+    figure = new_figure(7.5, 5.5)
+    if figure is None:
+        raise SystemExit("the pictures need matplotlib")
+    return figure
+
+
+def _disc(place: tuple[float, float], radius_m: float, colour: str) -> Any:
+    from matplotlib.patches import Circle
+
+    return Circle(place, radius_m, facecolor=colour, alpha=0.5)
+
+
+if __name__ == "__main__":
+    for draw in (draw_foxglove, draw_ros2):
+        with tempfile.TemporaryDirectory() as made:
+            draw(Path(made))

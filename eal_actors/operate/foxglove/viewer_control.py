@@ -1,0 +1,156 @@
+"""ViewerControl: what viewers may command: velocities of robots, and configuration keys as parameters.
+
+A viewer that publishes geometry_msgs/Twist as JSON to `/<robot>/cmd_vel`, such as Foxglove's Teleop panel, drives the
+robot under its lease, with the dead-man's switch of the dashboard. Parameters are `<robot>.<resource>.<key>`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import threading
+from typing import Any, Final
+
+from foxglove.websocket import Parameter
+
+from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.errors import EALError
+from eal_actors.kernel.log import get_logger
+from eal_actors.operate.dashboard.control import ControlRegistry
+from eal_actors.operate.dashboard.teleop import DRIVE_RESOURCE, Teleop, Twist
+
+_SUFFIX: Final = "/cmd_vel"
+_ANSWER_S: Final = 2.0
+
+
+class ViewerControl:
+    """The commands of viewers.
+
+    Thread: the callbacks run in the server's thread; parameters wait for the robots at most _ANSWER_S each.
+    """
+
+    def __init__(self, fleet: Fleet) -> None:
+        self._fleet = fleet
+        self._registry = ControlRegistry()
+        self._teleop = Teleop(fleet, self._registry)
+        self._lock = threading.Lock()
+        self._robots: dict[tuple[int, int], str] = {}
+        self._presses: dict[str, int] = {}
+
+    def start(self) -> None:
+        """Start the dead-man's switch."""
+        self._teleop.start()
+
+    def close(self) -> None:
+        """Halt every robot that a viewer drives."""
+        self._teleop.close()
+
+    # Driving.
+
+    def on_client_advertise(self, client: Any, channel: Any) -> None:
+        """Note which robot a viewer's topic drives."""
+        robot = channel.topic.removesuffix(_SUFFIX).strip("/")
+        if channel.topic.endswith(_SUFFIX) and robot in self._fleet and channel.encoding == "json":
+            self._robots[client.id, channel.id] = robot
+        else:
+            get_logger().warning("a viewer's topic drives no robot", topic=channel.topic, encoding=channel.encoding)
+
+    def on_client_unadvertise(self, client: Any, client_channel_id: int) -> None:
+        """Halt the robot of a topic that is given up, as when a viewer leaves."""
+        robot = self._robots.pop((client.id, client_channel_id), None)
+        if robot is not None:
+            self._teleop.release(_name(client), robot)
+            self._release(robot)
+
+    def on_message_data(self, client: Any, client_channel_id: int, data: bytes) -> None:
+        """Drive a robot by a message."""
+        robot = self._robots.get((client.id, client_channel_id))
+        if robot is None:
+            return
+        viewer = _name(client)
+        try:
+            fields = json.loads(data)
+            twist = Twist(float(fields["linear"]["x"]), float(fields["angular"]["z"]))
+        except (ValueError, KeyError, TypeError) as error:
+            get_logger(robot=robot).warning("a viewer's velocity is ignored", reason=repr(error))
+            return
+        if not all(map(math.isfinite, twist)):
+            get_logger(robot=robot).warning("a viewer's velocity is ignored", reason="it is not finite")
+            return
+        try:
+            self._teleop.drive(viewer, robot, self._press_of(viewer), twist, self._on_error)
+        except EALError as error:
+            self._on_error(robot, error)
+
+    def _press_of(self, viewer: str) -> int:
+        with self._lock:
+            return self._presses.setdefault(viewer, 0)
+
+    def _on_error(self, robot: str, error: EALError) -> None:
+        """End the presses: a viewer has no keys, so its next message begins a new one."""
+        with self._lock:
+            for viewer in self._presses:
+                self._presses[viewer] += 1
+        get_logger(robot=robot).info("a viewer no longer drives it", reason=error.message)
+        self._release(robot)
+
+    def _release(self, robot: str) -> None:
+        try:
+            self._registry.release_idle(self._fleet[robot], [DRIVE_RESOURCE])
+        except EALError as error:
+            get_logger(robot=robot).debug("its base could not be released", reason=error.message)
+
+    # Parameters.
+
+    def on_get_parameters(self, client: Any, param_names: list[str], request_id: str | None = None) -> list[Parameter]:  # noqa: ARG002
+        """Return configuration keys; all of them for no names."""
+        return [found for name in param_names or self._all_names() if (found := self._read(name)) is not None]
+
+    def on_set_parameters(
+        self,
+        client: Any,  # noqa: ARG002
+        parameters: list[Parameter],
+        request_id: str | None = None,  # noqa: ARG002
+    ) -> list[Parameter]:
+        """Set configuration keys; returns their values afterwards, the former ones of those that were refused."""
+        for parameter in parameters:
+            try:
+                robot, resource, key = _split(parameter.name)
+                self._fleet[robot][resource].set_config(key, parameter.get_value()).get(timeout=_ANSWER_S)
+            except (EALError, ValueError) as error:
+                get_logger().warning("a parameter is not set", name=parameter.name, reason=str(error))
+        return [found for parameter in parameters if (found := self._read(parameter.name)) is not None]
+
+    def _all_names(self) -> list[str]:
+        return [
+            f"{robot.name}.{resource}.{config.name}"
+            for robot in self._fleet.values()
+            for resource in robot
+            for config in robot[resource].info.configs
+        ]
+
+    def _read(self, name: str) -> Parameter | None:
+        try:
+            robot, resource, key = _split(name)
+            value = self._fleet[robot][resource].get_config(key).get(timeout=_ANSWER_S).value
+            return Parameter(name, value=value) if isinstance(value, bool | int | float | str) else None
+        except (EALError, ValueError) as error:
+            get_logger().debug("a parameter cannot be read", name=name, reason=str(error))
+            return None
+
+
+def _split(name: str) -> tuple[str, str, str]:
+    """Return robot, resource and key; a resource may have a dot in its name.
+
+    Raises:
+        ValueError: there are too few parts.
+    """
+    robot, _, rest = name.partition(".")
+    resource, _, key = rest.rpartition(".")
+    if not resource:
+        raise ValueError(f"{name!r} is not <robot>.<resource>.<key>")
+    return robot, resource, key
+
+
+def _name(client: Any) -> str:
+    return f"foxglove viewer {client.id}"

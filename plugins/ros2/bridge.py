@@ -1,0 +1,195 @@
+"""The fleet as ROS 2 nodes: each robot publishes its sensors as standard topics, and is driven by `cmd_vel`.
+
+Robot `evbot2-1` becomes the node `/evbot2_1/eal`, with `/evbot2_1/odom`, `/evbot2_1/cmd_vel` and so on, and its frames
+in `/tf`: map, evbot2_1/odom, evbot2_1/base_link.
+
+A velocity is a value of the robot's Base, under its lease; so a robot that another controller holds does not move.
+Velocities that cease halt the robot, and the lease is released.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final, Literal
+
+from eal_actors import EALData, EALError, Fleet, Future, ResourceHandle, RobotHandle
+from eal_actors.plugin import DataError, Field, PluginSettingsModel, get_logger
+from eal_actors.recording.sampler import Sampler, SampleSpec
+
+from . import graph
+from .endpoints import RosSubscription
+from .message_types import MessageTypes
+from .outgoing import FleetTopics, ros_name
+from .session import RosSession
+
+_BASE: Final = "Base"
+_TICK_S: Final = 0.02
+_SILENCE_S: Final = 0.5
+"""Real seconds without a velocity after which a robot is halted and released."""
+_LOG_S: Final = 10.0
+_PICTURE_S: Final = 30.0
+"""Deadline of a picture: the first one of a simulated camera takes seconds on a busy machine."""
+
+
+class BridgeSettings(PluginSettingsModel):
+    """The settings of `eal bridge ros2`."""
+
+    router: str = Field(default="tcp/127.0.0.1:7447", pattern=r"^(tcp|tls|quic|udp|unixsock-stream)/\S+$")
+    """Endpoint of the zenoh router (`rmw_zenohd`)."""
+    zenoh_config: str | None = None
+    """A zenoh configuration file, for certificates."""
+    domain: int = Field(default=0, ge=0, le=232)
+    """The ROS domain (ROS_DOMAIN_ID)."""
+    distribution: Literal["humble", "jazzy", "kilted"] = "jazzy"
+    """The distribution of the other nodes."""
+    rate_hz: float = Field(default=10.0, gt=0, le=100)
+    """Messages of each sensor in a second."""
+    camera_rate_hz: float = Field(default=2.0, gt=0, le=30)
+    """Pictures of each camera in a second."""
+    drive: bool = True
+    """Whether robots follow `cmd_vel`."""
+
+
+@contextmanager
+def open_bridge(fleet: Fleet, settings: BridgeSettings) -> Iterator[str]:
+    """Connect an open fleet; yields what it does, for people.
+
+    Raises:
+        PluginError: zenoh's configuration is wrong.
+    """
+    types = MessageTypes(settings.distribution)
+    config = None if settings.zenoh_config is None else Path(settings.zenoh_config)
+    session = RosSession(settings.router, settings.domain, fleet.clock, config)
+    try:
+        steps: list[CameraFeed | VelocityFollower] = []
+        specs = []
+        topics = FleetTopics(types, fleet.clock)
+        for robot in fleet.values():
+            node = session.node(ros_name(robot.name), "eal")
+            for resource in robot.values():
+                if not topics.add(node, resource):
+                    continue
+                if resource.info.is_camera:
+                    steps.append(CameraFeed(session, topics, resource, 1.0 / settings.camera_rate_hz))
+                else:
+                    specs.append(SampleSpec(resource, 1.0 / settings.rate_hz))
+            if settings.drive and _takes_twist(robot):
+                twist = types.message("geometry_msgs/msg/Twist")
+                steps.append(VelocityFollower(robot, node.subscription("cmd_vel", twist)))
+        with Sampler(fleet.clock, specs, topics.publish), _stepping(steps):
+            where = f"domain {settings.domain} at {settings.router}"
+            absent = session.why_not_ready()
+            yield f"{len(fleet)} nodes, {topics.count} topics in {where}" + (f"; {absent}" if absent else "")
+    finally:
+        session.close()
+
+
+def _takes_twist(robot: RobotHandle) -> bool:
+    if _BASE not in robot:
+        return False
+    info = robot[_BASE].info
+    return "set_value" in info.methods and info.value is not None and info.value.shape == (2,)
+
+
+@contextmanager
+def _stepping(steps: Sequence[CameraFeed | VelocityFollower]) -> Iterator[None]:
+    """Step followers and feeds in a thread; at the end every driven robot is halted."""
+    end = threading.Event()
+
+    def run() -> None:
+        while not end.wait(_TICK_S):
+            for one in steps:
+                one.step()
+
+    thread = threading.Thread(target=run, name="ros2 velocities", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        end.set()
+        thread.join()
+        for one in steps:
+            one.let_go()
+
+
+class CameraFeed:
+    """Publishes a camera's pictures while somebody subscribes to them: a picture costs much. Thread: one at a time."""
+
+    def __init__(self, session: RosSession, topics: FleetTopics, camera: ResourceHandle, period_s: float) -> None:
+        self._session = session
+        self._topics = topics
+        self._camera = camera
+        self._topic = topics.topic_of(camera)
+        self._period_s = period_s
+        self._due_s = 0.0
+        self._answer: Future[EALData] | None = None
+
+    def step(self) -> None:
+        """Publish a picture that has arrived, or ask for the next one."""
+        if self._answer is not None:
+            if self._answer.done():
+                answer, self._answer = self._answer, None
+                if answer.exception() is None:
+                    self._topics.publish(self._camera, answer.get())
+        elif time.perf_counter() >= self._due_s and self._session.entities(graph.SUBSCRIPTION, self._topic):
+            self._due_s = time.perf_counter() + self._period_s
+            self._answer = self._camera.get_value(timeout_s=_PICTURE_S)
+
+    def let_go(self) -> None:
+        """Do nothing: a camera does not move."""
+
+
+class VelocityFollower:
+    """Drives one robot by its `cmd_vel`. Thread: one at a time."""
+
+    def __init__(self, robot: RobotHandle, subscription: RosSubscription) -> None:
+        self._robot = robot
+        self._subscription = subscription
+        self._commanded_s: float | None = None
+        self._log = get_logger(robot=robot.name)
+        self._logged_s = -math.inf
+
+    def step(self) -> None:
+        """Follow the newest velocity, or halt the robot when they cease."""
+        now_s = time.perf_counter()
+        try:
+            if (received := self._subscription.take()) is not None:
+                self._drive(received.message, now_s)
+        except EALError as error:  # broken bytes, or a robot that is lost
+            self._warn(error.message)
+        if self._commanded_s is not None and now_s - self._commanded_s > _SILENCE_S:
+            self.let_go()
+
+    def _drive(self, message: Any, now_s: float) -> None:
+        twist = float(message.linear.x), float(message.angular.z)
+        if not all(map(math.isfinite, twist)):
+            raise DataError(f"a velocity of {twist[0]:g} m/s and {twist[1]:g} rad/s is ignored")
+        answer = self._robot[_BASE].set_value(list(twist))
+        self._commanded_s = now_s
+        answer.add_done_callback(self._on_answer)
+
+    def _on_answer(self, answer: Future[int]) -> None:
+        error = answer.exception()
+        if isinstance(error, EALError) and error.code != "preempted":  # preempted by the next velocity
+            self._warn(error.message)
+
+    def let_go(self) -> None:
+        """Halt the robot if it is driven, and release its lease."""
+        if self._commanded_s is None:
+            return
+        self._commanded_s = None
+        try:
+            self._robot[_BASE].halt()
+            self._robot.release(_BASE)
+        except EALError as error:
+            self._log.error("could not be halted after its velocities ceased", reason=error.message)
+
+    def _warn(self, reason: str) -> None:
+        if time.perf_counter() - self._logged_s > _LOG_S:
+            self._logged_s = time.perf_counter()
+            self._log.warning("a velocity of cmd_vel is not followed", reason=reason)

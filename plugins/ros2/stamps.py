@@ -1,0 +1,29 @@
+"""StampOffset: times of a robot's clock in seconds of the fleet's clock."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Final
+
+_KEPT: Final = 50
+"""Messages whose delays are compared. The least of them is the offset of the clocks and the least delay together."""
+
+
+class StampOffset:
+    """Translates the times of one publisher, whose clock is another one; no clock needs to be set.
+
+    Thread: one at a time.
+    """
+
+    def __init__(self) -> None:
+        self._differences_s: deque[float] = deque(maxlen=_KEPT)
+
+    def fleet_s(self, stamp_s: float, now_s: float) -> float:
+        """Return the fleet's time of a message.
+
+        Args:
+            stamp_s: its time by the publisher's clock.
+            now_s: the fleet's time of its arrival, at which it is at the latest.
+        """
+        self._differences_s.append(now_s - stamp_s)
+        return min(now_s, stamp_s + min(self._differences_s))
