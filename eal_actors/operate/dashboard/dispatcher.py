@@ -80,10 +80,8 @@ class Dispatcher:
     def _execute(self, message: Any, browser: str, reply: Reply) -> dict[str, Any] | None:
         """Return the answer; None if there is none, or if it comes later."""
         match message:
-            case Watch():
-                self._cameras.watch(browser, message.cameras, message.rate_hz)
-            case WatchValues():
-                self._values.watch(browser, message.robot)
+            case Watch() | WatchValues():
+                self._watch(message, browser)
             case Describe():
                 return {"resources": self._describe(message.robot)}
             case ListScenarios():
@@ -112,6 +110,12 @@ class Dispatcher:
                 self._runs.control(message.what)
                 return {}
         return None
+
+    def _watch(self, message: Watch | WatchValues, browser: str) -> None:
+        if isinstance(message, Watch):
+            self._cameras.watch(browser, message.cameras, message.rate_hz)
+        else:
+            self._values.watch(browser, message.robot)
 
     def leave(self, browser: str) -> None:
         """Halt the robots that a closed browser drives, and forget it."""
