@@ -115,9 +115,8 @@ def run_scenario(
         finished = _execute(request, runs_dir, console, options, listeners, record, metrics_port, view)
     drawings = _Drawings(not no_plot and finished.interrupts < 2, film and finished.interrupts < 2, show)
     _show(finished, request.config, console, drawings, as_json=as_json)
-    is_lacking = strict and bool(finished.report.dropped)
-    if finished.interrupts or finished.report.outcome != "done" or is_lacking:
-        raise typer.Exit(ExitCode.INTERRUPTED if finished.interrupts else ExitCode.FAILED)
+    if (code := finished.exit_code(strict=strict)) is not None:
+        raise typer.Exit(code)
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +126,13 @@ class _FinishedRun:
     report: Report
     directory: Path
     interrupts: int
+
+    def exit_code(self, *, strict: bool) -> ExitCode | None:
+        """Return the exit code of a run that is not done, or with `strict` lost a robot; else None."""
+        if self.interrupts:
+            return ExitCode.INTERRUPTED
+        is_lacking = strict and bool(self.report.dropped)
+        return ExitCode.FAILED if self.report.outcome != "done" or is_lacking else None
 
 
 class _Drawings(NamedTuple):
