@@ -188,6 +188,8 @@ class LiveProgress:
                 self._rows[event.robot].state = "dropped"
             case events.RunEnded(report=report):
                 self._end_s = event.time_s
+                if report.outcome == "done":
+                    self._calls = sum(row.calls for row in self._rows.values())  # the plan only estimated them
                 for name, robot in report.robots.items():
                     self._rows[name].state, self._rows[name].since_s = robot.outcome, None
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import io
 import math
+from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, NamedTuple, Self, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self, TypeAlias, TypeVar
 
 from eal_actors.device.world import WorldModel
 from eal_actors.recording.arena import draw_arena, draw_grid, new_figure
@@ -20,9 +22,9 @@ if TYPE_CHECKING:
 
 _Dashes: TypeAlias = str | tuple[int, tuple[int, ...]]
 
-# Okabe and Ito's palette can be distinguished with any colour vision. Each robot has a marker of its own too.
-COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-_MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X")
+# Okabe and Ito's palette can be distinguished with any colour vision; wine replaces its yellow, which is pale on white.
+COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#882255")
+MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X", "*")
 _DASHES: Final[tuple[_Dashes, ...]] = ("-", (0, (6, 3)), (0, (1, 2)), (0, (7, 2, 1, 2)), (0, (3, 5)))
 """Line styles with gaps: headings often cover each other."""
 _MOST_IN_LEGEND: Final = 14
@@ -30,24 +32,28 @@ _MOST_TICKS: Final = 8
 _LOST: Final = ("dropped", "failed")
 """Outcomes that are shown by a cross."""
 _ARROW_M: Final = 0.28
+_HEADINGS: Final = 8
+"""Arrows along a path."""
+_SMALL_ARROW: Final[dict[str, Any]] = {"angles": "xy", "scale": 34, "width": 0.0035, "alpha": 0.75, "zorder": 3}
 _POINTS_PER_INCH: Final = 72
 _PICTURE: Final = "trajectory.png"
 
 
 class _RobotStyle(NamedTuple):
-    """The style of a robot's path; `lost_as` is the outcome that a cross at its end shows, or None."""
+    """The style of a robot's path; a cross shows the outcome `lost_as`, if it is not None, where it was at `lost_s`."""
 
     colour: str
     marker: str
     dashes: _Dashes
     lost_as: str | None
+    lost_s: float
 
     @classmethod
-    def of(cls, number: int, lost_as: str | None) -> Self:
-        """Return the style of the robot with a number."""
-        return cls(
-            COLOURS[number % len(COLOURS)], _MARKERS[number % len(_MARKERS)], _DASHES[number % len(_DASHES)], lost_as
-        )
+    def of(cls, number: int, lost_as: str | None, lost_s: float) -> Self:
+        """Return the style of the robot with a number: 64 robots differ in their colour or their marker."""
+        marker = MARKERS[(number + number // len(COLOURS)) % len(MARKERS)]
+        colour, dashes = COLOURS[number % len(COLOURS)], _DASHES[number % len(_DASHES)]
+        return cls(colour, marker, dashes, lost_as, lost_s)
 
 
 Out = TypeVar("Out", bound=Path | io.StringIO)
@@ -60,11 +66,12 @@ def draw_trajectory(
     title: str = "",
     outcomes: Mapping[str, str] | None = None,
     breaks_s: Sequence[float] = (),
+    lost_s: Mapping[str, float] | None = None,
 ) -> Out | None:
     """Draw each robot's path, from its start (hollow) to its end (filled, with its heading), and its heading over time.
 
-    The headings show a robot that turns in place, which its path cannot. The path of a robot that failed or was dropped
-    ends in a cross.
+    Small arrows along a path are its headings; over time they show a robot that turns in place, which its path cannot.
+    A cross shows where a robot failed or was dropped.
 
     Args:
         paths: samples by robot, as `PoseRecorder.paths_since` returns them.
@@ -73,11 +80,12 @@ def draw_trajectory(
         title: the picture's title.
         outcomes: the outcomes of robots by name, see `RobotReport`; None shows none.
         breaks_s: the times at which the run was resumed; the paths have gaps there.
+        lost_s: when robots failed or were dropped, by name; the end of the path by default. See `losses_of`.
 
     Returns:
         `out`, or None when matplotlib is not installed, which is logged.
     """
-    figure = _figure(paths, world, title, outcomes or {}, breaks_s)
+    figure = _figure(paths, world, title, outcomes or {}, breaks_s, lost_s or {})
     if figure is None:
         return None
     figure.savefig(out, format="svg" if isinstance(out, io.StringIO) else "png")
@@ -102,9 +110,10 @@ def draw_map(
     world: WorldModel | None,
     outcomes: Mapping[str, str] | None = None,
     breaks_s: Sequence[float] = (),
+    lost_s: Mapping[str, float] | None = None,
 ) -> MapPicture | None:
     """Return the picture of `draw_trajectory`, for pages that draw on it; None when matplotlib is not installed."""
-    figure = _figure(paths, world, "", outcomes or {}, breaks_s)
+    figure = _figure(paths, world, "", outcomes or {}, breaks_s, lost_s or {})
     if figure is None:
         return None
     figure.set_dpi(_POINTS_PER_INCH)  # as the SVG is saved, so that the layout is the same
@@ -124,6 +133,7 @@ def _figure(
     title: str,
     outcomes: Mapping[str, str],
     breaks_s: Sequence[float],
+    lost_s: Mapping[str, float],
 ) -> Figure | None:
     figure = new_figure(9.0, 8.0)
     if figure is None:
@@ -134,7 +144,7 @@ def _figure(
     for number, (name, path) in enumerate(paths.items()):
         if path:
             outcome = outcomes.get(name)
-            style = _RobotStyle.of(number, outcome if outcome in _LOST else None)
+            style = _RobotStyle.of(number, outcome if outcome in _LOST else None, lost_s.get(name, path[-1].time_s))
             parts = split_at_breaks(path, breaks_s)
             _draw_path(arena, name, parts, style)
             _draw_heading(headings, parts, style)
@@ -142,8 +152,14 @@ def _figure(
         headings.axvline(break_s, color="black", linewidth=0.8, linestyle=":")
     _label(arena, headings, title)
     if 0 < len(paths) <= _MOST_IN_LEGEND:
-        arena.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, handlelength=3.5)
+        figure.legend(*arena.get_legend_handles_labels(), loc="outside right upper", frameon=False, handlelength=3.5)
     return figure
+
+
+def losses_of(report: Report) -> dict[str, float]:
+    """Return when robots failed or were dropped, in seconds since the run's start: at the end of their failed step."""
+    lost = {name for name, robot in report.robots.items() if robot.outcome in _LOST}
+    return {step.robot: step.end_s for step in report.steps if step.robot in lost and step.error is not None}
 
 
 def draw_run(run: RunFolder, report: Report, world: WorldModel | None) -> Path | None:
@@ -160,14 +176,14 @@ def draw_run(run: RunFolder, report: Report, world: WorldModel | None) -> Path |
     title = f"{report.scenario} on {report.fleet}: {report.outcome}"
     outcomes = {name: robot.outcome for name, robot in report.robots.items()}
     with folder_errors(run.path):
-        return draw_trajectory(run.paths, world, run.path / _PICTURE, title, outcomes, run.breaks_s)
+        return draw_trajectory(run.paths, world, run.path / _PICTURE, title, outcomes, run.breaks_s, losses_of(report))
 
 
 def _label(arena: Axes, headings: Axes, title: str) -> None:
     tick_quarter_turns(headings)
     arena.set_title(title, loc="left", fontsize=12)
     arena.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
-    headings.set(xlabel="time [s]", ylabel="heading [°]")
+    headings.set(xlabel="fleet time [s]", ylabel="heading [°]")
     for axes in (arena, headings):
         draw_grid(axes)
 
@@ -177,13 +193,15 @@ def _draw_path(axes: Axes, name: str, parts: Sequence[Sequence[PoseSample]], sty
         xs, ys = [sample.x_m for sample in part], [sample.y_m for sample in part]
         axes.plot(xs, ys, color=style.colour, linestyle=style.dashes, linewidth=1.8)
         axes.plot(xs[:1], ys[:1], style.marker, color=style.colour, markerfacecolor="white", markersize=9)
+        _draw_arrows(axes, part, style.colour)
     end = parts[-1][-1]
     label = f"{name} ({style.lost_as})" if style.lost_as else name
     axes.plot(
         [end.x_m], [end.y_m], marker=style.marker, color=style.colour, linestyle=style.dashes, markersize=9, label=label
     )
     if style.lost_as:
-        _cross(axes, end.x_m, end.y_m)
+        there = _at([sample for part in parts for sample in part], style.lost_s)
+        _cross(axes, there.x_m, there.y_m)
     axes.annotate(
         "",
         xy=(end.x_m + _ARROW_M * math.cos(end.yaw_rad), end.y_m + _ARROW_M * math.sin(end.yaw_rad)),
@@ -192,14 +210,29 @@ def _draw_path(axes: Axes, name: str, parts: Sequence[Sequence[PoseSample]], sty
     )
 
 
+def _draw_arrows(axes: Axes, path: Sequence[PoseSample], colour: str) -> None:
+    """Draw the headings at a few times of a path."""
+    chosen = path[:: max(1, len(path) // _HEADINGS)]
+    xs, ys = [sample.x_m for sample in chosen], [sample.y_m for sample in chosen]
+    ahead = [math.cos(sample.yaw_rad) for sample in chosen], [math.sin(sample.yaw_rad) for sample in chosen]
+    axes.quiver(xs, ys, *ahead, color=colour, **_SMALL_ARROW)
+
+
+def _at(samples: Sequence[PoseSample], time_s: float) -> PoseSample:
+    """Return the last sample until a time; the first one if there is none."""
+    return samples[max(0, bisect_right(samples, time_s, key=attrgetter("time_s")) - 1)]
+
+
 def _draw_heading(axes: Axes, parts: Sequence[Sequence[PoseSample]], style: _RobotStyle) -> None:
+    drawn: list[tuple[float, float]] = []
     for part in parts:
         times_s = [sample.time_s for sample in part]
         headings_deg = [math.degrees(yaw_rad) for yaw_rad in _unwrapped(sample.yaw_rad for sample in part)]
         axes.plot(times_s, headings_deg, color=style.colour, linestyle=style.dashes, linewidth=1.8)
-    axes.plot(times_s[-1:], headings_deg[-1:], style.marker, color=style.colour, markersize=6)
+        drawn += zip(times_s, headings_deg, strict=True)
+    axes.plot(*drawn[-1], style.marker, color=style.colour, markersize=6)
     if style.lost_as:
-        _cross(axes, times_s[-1], headings_deg[-1])
+        _cross(axes, *drawn[max(0, bisect_right(drawn, (style.lost_s, math.inf)) - 1)])
 
 
 def _cross(axes: Axes, x: float, y: float) -> None:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 from eal_actors.device.world import WorldModel
 from eal_actors.kernel.errors import ConfigError, UnsupportedError
 from eal_actors.recording.outline_picture import draw_outline
-from eal_actors.recording.picture import MapPicture, draw_map
+from eal_actors.recording.picture import MapPicture, draw_map, losses_of
 from eal_actors.recording.player import player_data, player_script
 from eal_actors.recording.poses import PoseSample, split_at_breaks
 from eal_actors.recording.provenance import kept_scenario
@@ -174,7 +174,7 @@ def _map_picture(run: RunFolder, world: WorldModel | None) -> MapPicture | None:
     if not any(run.paths.values()):
         return None
     outcomes = {name: robot.outcome for name, robot in run.summary.robots.items()} if run.summary else None
-    return draw_map(run.paths, world, outcomes, run.breaks_s)
+    return draw_map(run.paths, world, outcomes, run.breaks_s, losses_of(run.summary) if run.summary else None)
 
 
 def _outline_svg(run: RunFolder) -> str | None:

@@ -65,26 +65,27 @@ def plan(machine: str, mirrors: Path, work: Path) -> bool:
     settings.write_text("[safe]\n\tdirectory = *\n")  # the mirrors may belong to another user
     mirrored = (f"^{re.escape(url)}$ file://{find_mirror(mirrors, name)}" for name, url in repositories().items())
     env = {**os.environ, "KAS_WORK_DIR": str(work), "HOME": str(work), "LANG": "en_US.UTF-8", "LC_ALL": "en_US.UTF-8"}
-    env |= {"KAS_PREMIRRORS": "\n".join(mirrored), "GITCONFIG_FILE": str(settings)}
+    env |= {"KAS_PREMIRRORS": "\n".join(mirrored), "GITCONFIG_FILE": str(settings), "KAS_CLONE_DEPTH": "1"}
     project = work / "project"
     if not project.is_dir():
         shutil.copytree(REPOSITORY / "evbotos", project / "evbotos", ignore=shutil.ignore_patterns("__pycache__"))
         subprocess.run(["git", "init", "-q", project], check=True)  # kas looks for includes from a checkout's root
         shutil.copytree(REPOSITORY / "plugins", project / "plugins", ignore=shutil.ignore_patterns("__pycache__"))
     argv = [str(Path(sys.executable).with_name("kas")), "shell", f"evbotos/openembedded/kas/{machine}.yml", "-c"]
-    argv.append("bitbake -n " + " ".join(f"evbotos-image-{image}" for image in IMAGES))
+    images = " ".join(f"evbotos-image-{image}" for image in IMAGES)
+    argv.append(f"BB_ENV_PASSTHROUGH_ADDITIONS=BB_NO_NETWORK BB_NO_NETWORK=1 bitbake -n {images}")
     if os.geteuid() == 0:
         subprocess.run(["chown", "-R", "nobody:nogroup", str(work)], check=True)
         argv = ["setpriv", "--reuid=nobody", "--regid=nogroup", "--clear-groups", *argv]
     done = subprocess.run(argv, cwd=project, env=env, capture_output=True, text=True, timeout=_TIMEOUT_S, check=False)
     said = done.stdout + done.stderr
-    problems = [
-        line for line in said.splitlines() if line.startswith(("ERROR", "WARNING")) or "Nothing PROVIDES" in line
-    ]
+    lines = said.splitlines()
+    errors = [number for number, line in enumerate(lines) if line.startswith("ERROR") or "Nothing PROVIDES" in line]
+    problems = lines[errors[0] :] if errors else [line for line in lines if line.startswith("WARNING")]
     tasks = _PLANNED.search(said)
     _say(f"{machine}: exit code {done.returncode}, {tasks[1] if tasks else 'no'} tasks")
     _say("\n".join(problems or ([] if done.returncode == 0 else said.splitlines()[-20:])))
-    return done.returncode == 0 and not any(line.startswith("ERROR") for line in problems)
+    return done.returncode == 0 and not errors
 
 
 def _say(words: str) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from eal_actors.lab.sweeping.results import SweepResult
 from eal_actors.recording.arena import draw_grid, new_figure
+from eal_actors.recording.picture import COLOURS, MARKERS
 from eal_actors.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -18,6 +19,17 @@ _MOST_PANELS: Final = 6
 _MOST_LINES: Final = 10
 _COLUMNS: Final = 3
 _DURATION: Final = "duration_s"
+_UNITS: Final = {
+    "m_s": "m/s",
+    "rad_s": "rad/s",
+    "deg_s": "°/s",
+    "mm": "mm",
+    "m": "m",
+    "rad": "rad",
+    "deg": "°",
+    "s": "s",
+}
+"""Units by the ends of names."""
 
 
 def draw_sweep(results: Sequence[SweepResult], scenario: Scenario, file: Path) -> Path | None:
@@ -39,12 +51,12 @@ def draw_sweep(results: Sequence[SweepResult], scenario: Scenario, file: Path) -
         return None
     first = next(iter(done[0].job.varied))
     unit = scenario.file.parameters[first].unit
-    label = f"{first} [{unit}]" if unit and not first.endswith(f"_{unit}") else first
     panels = figure.subplots(rows, columns, squeeze=False).flat
     for axes, (name, values) in zip(panels, measures.items(), strict=False):
         _draw_panel(axes, done, first, values)
-        axes.set_title(name)
-        axes.set_xlabel(label)
+        robot, _, quantity = name.rpartition(".")
+        axes.set_title(f"{_words(quantity)} of {robot}" if robot else _words(quantity))
+        axes.set(xlabel=_axis_label(first, unit), ylabel=_axis_label(quantity))
         draw_grid(axes)
     for axes in list(panels)[len(measures) :]:
         axes.set_visible(False)
@@ -56,6 +68,27 @@ def draw_sweep(results: Sequence[SweepResult], scenario: Scenario, file: Path) -
     figure.suptitle(f"{scenario.name}{spread}")
     figure.savefig(file, metadata={"Software": None})
     return file
+
+
+def _words(name: str) -> str:
+    """Return a variable's name for people, without its unit: `distance` for `distance_m`."""
+    unit = _ending(name)
+    return (name.removesuffix(f"_{unit}") if unit else name).replace("_", " ")
+
+
+def _ending(name: str) -> str | None:
+    return next((unit for unit in _UNITS if name.endswith(f"_{unit}")), None)
+
+
+def _unit(name: str) -> str | None:
+    unit = _ending(name)
+    return _UNITS[unit] if unit else None
+
+
+def _axis_label(name: str, unit: str | None = None) -> str:
+    """Return name and unit, the declared one or that of the name: `distance [m]`."""
+    symbol = unit or _unit(name)
+    return f"{_words(name)} [{symbol}]" if symbol else _words(name)
 
 
 def _measures(done: Sequence[SweepResult]) -> dict[str, dict[str, float]]:
@@ -72,13 +105,15 @@ def _measures(done: Sequence[SweepResult]) -> dict[str, dict[str, float]]:
 
 def _draw_panel(axes: Axes, done: Sequence[SweepResult], first: str, values: Mapping[str, float]) -> None:
     positions = _axis_positions([result.job.varied[first] for result in done])
-    for label, points in list(_group_by_line(done, first, values).items())[:_MOST_LINES]:
+    lines = list(_group_by_line(done, first, values).items())[:_MOST_LINES]
+    for number, (label, points) in enumerate(lines):
         ordered = sorted((positions[value], group) for value, group in points.items())
         x, groups = [position for position, _ in ordered], [group for _, group in ordered]
-        (line,) = axes.plot(x, list(map(statistics.median, groups)), "o-", ms=4, label=label)
+        colour, marker = COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)]
+        axes.plot(x, list(map(statistics.median, groups)), color=colour, marker=marker, ms=5, label=label)
         if any(len(group) > 1 for group in groups):
             low, high = list(map(min, groups)), list(map(max, groups))
-            axes.fill_between(x, low, high, color=line.get_color(), alpha=0.2, linewidth=0)
+            axes.fill_between(x, low, high, color=colour, alpha=0.2, linewidth=0)
     if not _are_numbers(positions):
         axes.set_xticks(list(positions.values()), [str(value) for value in positions])
 
@@ -90,7 +125,8 @@ def _group_by_line(
     lines: dict[str, dict[Any, list[float]]] = {}
     for result in done:
         if result.job.name in values:
-            label = ", ".join(f"{name}={value}" for name, value in result.job.varied.items() if name != first)
+            others = ((name, value) for name, value in result.job.varied.items() if name != first)
+            label = ", ".join(f"{_words(name)} {value} {_unit(name) or ''}".rstrip() for name, value in others)
             points = lines.setdefault(label, {})
             points.setdefault(result.job.varied[first], []).append(values[result.job.name])
     return lines

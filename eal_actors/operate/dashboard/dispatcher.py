@@ -30,10 +30,12 @@ from eal_actors.operate.dashboard.messages import (
     StartRun,
     StopAll,
     Watch,
+    WatchValues,
 )
 from eal_actors.operate.dashboard.run_manager import RunManager
 from eal_actors.operate.dashboard.state_store import to_json_value
 from eal_actors.operate.dashboard.teleop import Teleop, Twist
+from eal_actors.operate.dashboard.values import ValuePoller
 
 Reply: TypeAlias = Callable[[dict[str, Any]], None]
 """Sends an answer to a browser; called in any thread, and never blocks."""
@@ -50,12 +52,15 @@ class Dispatcher:
     Thread: any. `execute` does not wait for robots. Messages for which `may_block` is true block on files or a robot.
     """
 
-    def __init__(self, context: DashboardContext, runs: RunManager, teleop: Teleop, cameras: Cameras) -> None:
+    def __init__(
+        self, context: DashboardContext, runs: RunManager, teleop: Teleop, cameras: Cameras, values: ValuePoller
+    ) -> None:
         self._fleet, _, self._steps, self._control = context
         self._journeys = Journeys(context)
         self._runs = runs
         self._teleop = teleop
         self._cameras = cameras
+        self._values = values
 
     def may_block(self, message: object) -> bool:
         """Return whether a message must be executed in a thread that may block."""
@@ -75,8 +80,8 @@ class Dispatcher:
     def _execute(self, message: Any, browser: str, reply: Reply) -> dict[str, Any] | None:
         """Return the answer; None if there is none, or if it comes later."""
         match message:
-            case Watch():
-                self._cameras.watch(browser, message.cameras, message.rate_hz)
+            case Watch() | WatchValues():
+                self._watch(message, browser)
             case Describe():
                 return {"resources": self._describe(message.robot)}
             case ListScenarios():
@@ -106,10 +111,17 @@ class Dispatcher:
                 return {}
         return None
 
+    def _watch(self, message: Watch | WatchValues, browser: str) -> None:
+        if isinstance(message, Watch):
+            self._cameras.watch(browser, message.cameras, message.rate_hz)
+        else:
+            self._values.watch(browser, message.robot)
+
     def leave(self, browser: str) -> None:
         """Halt the robots that a closed browser drives, and forget it."""
         self._teleop.leave(browser)
         self._cameras.leave(browser)
+        self._values.leave(browser)
 
     def _describe(self, robot: str) -> list[dict[str, Any]]:
         if robot not in self._fleet:

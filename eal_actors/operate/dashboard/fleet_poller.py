@@ -25,6 +25,7 @@ from eal_actors.operate.dashboard.control import ControlRegistry, DashboardConte
 from eal_actors.operate.dashboard.robot_shape import RobotShape
 from eal_actors.operate.dashboard.state_store import CurrentSteps
 from eal_actors.operate.dashboard.teleop import DRIVE_RESOURCE, takes_twist
+from eal_actors.operate.dashboard.values import ValuePoller
 
 POSE_PERIOD_S: Final = 0.025
 """Real seconds between polls of the poses: 40 a second."""
@@ -60,11 +61,13 @@ def infos_of(robot: RobotHandle) -> Iterator[tuple[str, ResourceInfo]]:
 class FleetPoller:
     """Polls all robots of a connected fleet in one thread, between `start` and `close`.
 
-    Poses are polled only while `is_watched` returns True; it is called in the poller's thread.
+    Poses are polled only while `is_watched` returns True; it is called in the poller's thread. `values` follows the
+    robots whose pages are open.
     """
 
-    def __init__(self, context: DashboardContext, is_watched: Callable[[], bool]) -> None:
+    def __init__(self, context: DashboardContext, values: ValuePoller, is_watched: Callable[[], bool]) -> None:
         self._fleet, self._store, self._steps, self._control = context
+        self._values = values
         self._is_watched = is_watched
         self._pollers: dict[str, _RobotPoller] = {}
         self._state_due_s = self._health_due_s = 0.0
@@ -115,6 +118,7 @@ class FleetPoller:
         if self._is_watched():
             poses = {name: pose for name, poller in self._pollers.items() if (pose := poller.poll_pose()) is not None}
             self._store.put("poses", poses)
+        self._values.poll(now_s)
         if now_s >= self._health_due_s:
             self._health_due_s = now_s + HEALTH_PERIOD_S
             for poller in self._pollers.values():

@@ -18,7 +18,8 @@ Number = Annotated[int, Field(ge=0, le=2**53)]
 CallMethod = Literal["get_status", "get_value", "set_value", "send_req", "send_cmd", "get_config", "set_config", "halt"]
 """All methods but those that carry bytes, and `halt`."""
 Scalar = bool | int | float | Text
-CallValue = Scalar | Annotated[tuple[bool | int | float, ...], Field(strict=False, max_length=1000)] | None
+Numbers = Annotated[tuple[bool | int | float, ...], Field(strict=False, max_length=1000)]
+CallValue = Scalar | Numbers | Annotated[tuple[Numbers, ...], Field(strict=False, max_length=1000)] | None
 
 
 class Hello(StrictModel):
@@ -36,6 +37,13 @@ class Watch(StrictModel):
     """Robots and their resources."""
     rate_hz: float = Field(default=5.0, gt=0, le=MAX_FRAMES_PER_S)
     """Frames per real second."""
+
+
+class WatchValues(StrictModel):
+    """Choose the robot whose live values to send, in place of the previous one."""
+
+    do: Literal["watch_values"]
+    robot: Word | None
 
 
 class DriveRobot(StrictModel):
@@ -149,6 +157,7 @@ class ControlRun(_AnsweredMessage):
 Message = Annotated[
     Hello
     | Watch
+    | WatchValues
     | DriveRobot
     | ReleaseRobot
     | Describe

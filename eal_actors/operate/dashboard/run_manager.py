@@ -208,7 +208,9 @@ class RunManager:
             case RunResumed():
                 self._update(phase="paused" if event.is_single_step else "running")
             case RobotDropped():
-                get_logger(robot=event.robot).error("dropped from the scenario", reason=event.error.message)
+                logger = get_logger(robot=event.robot)
+                log = logger.warning if event.error.code in _STOP_CODES else logger.error
+                log("dropped from the scenario", reason=event.error.message)
             case LogLine():
                 logger = get_logger(robot=event.robot) if event.robot else get_logger()
                 logger.info(event.text, scenario=self._status["scenario"])
@@ -244,6 +246,8 @@ class RunManager:
         self._steps.clear()
         error = report.error.message if report.error is not None else None
         self._update(phase="ended", outcome=report.outcome, error=error, duration_s=report.duration_s)
+        if report.outcome == "done":
+            self._update(calls=self._status["done"])  # those that it needed; the plan only estimated them
         get_logger().info("scenario ended", scenario=report.scenario, outcome=report.outcome)
 
     def _update(self, **fields: Any) -> None:

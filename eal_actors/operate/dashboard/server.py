@@ -24,6 +24,7 @@ from eal_actors.operate.dashboard.session import AppState
 from eal_actors.operate.dashboard.sign_in import SignIn
 from eal_actors.operate.dashboard.state_store import CurrentSteps, StateStore
 from eal_actors.operate.dashboard.teleop import SILENCE_S, Teleop
+from eal_actors.operate.dashboard.values import ValuePoller
 from eal_actors.operate.dashboard.web_server import WebServer, listen_at
 from eal_actors.operate.dashboard.world_map import world_map
 
@@ -75,7 +76,8 @@ class Dashboard:
         self._cameras = Cameras(fleet, notifier.notify)
         self._teleop = Teleop(fleet, context.control)
         self._runs = RunManager(context, scenarios, runs_dir)
-        dispatcher = Dispatcher(context, self._runs, self._teleop, self._cameras)
+        values = ValuePoller(fleet, self.store)
+        dispatcher = Dispatcher(context, self._runs, self._teleop, self._cameras, values)
         self.app_state: Final = AppState(
             self.store,
             notifier,
@@ -90,7 +92,7 @@ class Dashboard:
             self._runs.report,
         )
         self.app: Final = App(self.app_state)
-        self._poller = FleetPoller(context, lambda: bool(self.app.browsers))
+        self._poller = FleetPoller(context, values, lambda: bool(self.app.browsers))
         credentials = CredentialWatch(fleet.config, sign_in, self.app.dismiss, self.access, tls, keys)
         self._web_server = WebServer(self.app.asgi, self._listener, notifier, tls, credentials.run)
         self._stack = ExitStack()

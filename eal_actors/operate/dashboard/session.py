@@ -37,6 +37,7 @@ from eal_actors.operate.dashboard.messages import (
     ReleaseRobot,
     StopAll,
     Watch,
+    WatchValues,
     needed_role,
     parse_message,
 )
@@ -101,6 +102,7 @@ class BrowserSession:
         self._answers: deque[dict[str, Any]] = deque(maxlen=MOST_ANSWERS)
         self._cameras: tuple[CameraKey, ...] = ()
         self._frame_period_s = 0.2
+        self._values_of: str | None = None
         self._sent_s = 0.0
         self._frames: dict[CameraKey, tuple[int, float]] = {}
         self._messages = TokenBucket(MESSAGES_PER_S, MESSAGES_AT_ONCE)
@@ -219,6 +221,8 @@ class BrowserSession:
                 self._app_state.dispatcher.execute(message, self.name, self._reply_to(message))
                 if isinstance(message, Watch):
                     self._cameras, self._frame_period_s = message.cameras, 1 / message.rate_hz
+                elif isinstance(message, WatchValues):
+                    self._values_of = message.robot
 
     def _refusal(self, message: object) -> EALError | None:
         if isinstance(message, Hello):
@@ -259,7 +263,7 @@ class BrowserSession:
     async def _send_updates(self) -> None:
         reader = StateReader(self._app_state.store)
         while True:
-            update = reader.take()
+            update = self._without_foreign_values(reader.take())
             answers = [self._answers.popleft() for _ in range(len(self._answers))]
             if answers:
                 update["answers"] = answers
@@ -270,6 +274,11 @@ class BrowserSession:
             await asyncio.sleep(SEND_PERIOD_S)
             if not reader.has_more:
                 await self._wait_for_change(next_frame_s)
+
+    def _without_foreign_values(self, update: dict[str, Any]) -> dict[str, Any]:
+        """Return an update without the live values of robots that only other browsers look at."""
+        values = update.pop("values", {})
+        return {**update, "values": {self._values_of: values[self._values_of]}} if self._values_of in values else update
 
     async def _wait_for_change(self, at_most_s: float | None) -> None:
         with contextlib.suppress(TimeoutError):

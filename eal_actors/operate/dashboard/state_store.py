@@ -11,8 +11,8 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, Final, Literal, TypeAlias
 
-Kind: TypeAlias = Literal["robots", "poses", "run", "paths"]
-"""Kinds of cells: robots by name, their poses by name, the run under `""`, and planned paths by robot."""
+Kind: TypeAlias = Literal["robots", "poses", "run", "paths", "values"]
+"""Kinds of cells: robots by name, the run under `""`, and poses, planned paths and live values by robot."""
 Topic: TypeAlias = Literal["logs", "events"]
 """Topics of lines: the log, and the events of the run."""
 

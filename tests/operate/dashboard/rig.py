@@ -102,6 +102,7 @@ class Page:
         self._number = 0
         self.robots: dict[str, Any] = {}
         self.poses: dict[str, Any] = {}
+        self.values: dict[str, Any] = {}
         self.paths: list[Any] = []
         self.run: dict[str, Any] = {}
         self.logs: list[dict[str, Any]] = []
@@ -140,6 +141,7 @@ class Page:
         update = json.loads(message)
         self.robots.update(update.get("robots", {}))
         self.poses.update(update.get("poses", {}))
+        self.values.update(update.get("values", {}))
         self.paths += update.get("paths", {}).values()
         self.run = update.get("run", {}).get("", self.run)
         self.logs += update.get("logs", [])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -35,12 +36,27 @@ finally:
       - send_cmd: {resource: Base, cmd: turn9}
 """
 
+CHOICE = """\
+version: 1
+name: choose
+roles: {all: {}}
+steps:
+  - on: all
+    do:
+      - repeat: 3
+        do:
+          - if: index == 0
+            then:
+              - send_cmd: {resource: Base, cmd: turn9}
+"""
+
 
 @pytest.fixture
 def dashboard(fleet: Fleet, tmp_path: Path) -> Iterator[Dashboard]:
     scenarios = tmp_path / "scenarios"
     scenarios.mkdir()
     (scenarios / "wait.yaml").write_text(SCENARIO)
+    (scenarios / "choose.yaml").write_text(CHOICE)
     (scenarios / "broken.yaml").write_text("version: 1\nname: broken\n")
     (tmp_path / "secret.yaml").write_text(SCENARIO)
     with open_dashboard(fleet, scenarios=scenarios, runs_dir=tmp_path / "runs") as opened:
@@ -91,7 +107,7 @@ def test_stop_ends_running_commands_and_latches(dashboard: Dashboard, fleet: Fle
 
 def test_only_scenarios_of_the_folder_are_listed_and_started(dashboard: Dashboard) -> None:
     with page_of(dashboard) as page:
-        broken, wait = page.ask(do="scenarios")["scenarios"]
+        broken, _, wait = page.ask(do="scenarios")["scenarios"]
         assert (broken["file"], bool(broken["problems"])) == ("broken.yaml", True)
         assert wait["parameters"]["rounds"]["maximum"] == 3
         for file in ("../secret.yaml", "/etc/passwd", "secret.yaml", "missing.yaml"):
@@ -135,6 +151,26 @@ def test_stop_aborts_the_run_too(dashboard: Dashboard, fleet: Fleet) -> None:
         assert page.ask(do="resume")["ok"] is True
         page.hear_until(lambda: all(page.robots[name]["stopped"] is None for name in fleet))
         assert {name: page.robots[name]["last_error"] for name in fleet} == {"one": None, "two": None}
+
+
+def test_a_stop_from_elsewhere_leaves_no_last_error(dashboard: Dashboard, fleet: Fleet) -> None:
+    with page_of(dashboard) as page:
+        page.ask(do="start", file="wait.yaml")
+        page.hear_until(lambda: sum(event["event"] == "step_started" for event in page.events) == 2)
+        fleet.stop("a button on the wall").get(timeout=WAIT_S)
+        page.hear_until(lambda: page.run["phase"] == "ended")
+        fleet.resume().get(timeout=WAIT_S)
+        page.hear_until(lambda: all(page.robots[name]["stopped"] is None for name in fleet))
+        assert {name: page.robots[name]["last_error"] for name in fleet} == {"one": None, "two": None}
+
+
+def test_a_run_that_is_done_counts_the_calls_it_made(dashboard: Dashboard, tmp_path: Path) -> None:
+    with page_of(dashboard) as page:
+        page.ask(do="start", file="choose.yaml")
+        page.hear_until(lambda: page.run["phase"] == "ended" and "report" in page.run)
+    (summary,) = (tmp_path / "runs").glob("*/summary.json")
+    made = sum(step["resource"] is not None for step in json.loads(summary.read_text())["steps"])
+    assert (page.run["done"], page.run["calls"], page.run["outcome"]) == (made, made, "done")
 
 
 # Driving by hand.

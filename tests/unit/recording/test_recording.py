@@ -14,10 +14,11 @@ from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.clock import ScaledClock
 from eal_actors.kernel.lock_step import MAX
 from eal_actors.managers.config import EALConfigManager
-from eal_actors.recording import PoseRecorder, PoseSample, RunRecorder, draw_trajectory
+from eal_actors.recording import PoseRecorder, PoseSample, RunRecorder, draw_trajectory, picture
 from eal_actors.recording.picture import tick_quarter_turns
 from eal_actors.recording.poses import TrajectoryTable
 from eal_actors.scenario import Run, load_scenario, make_plan
+from tests.figures import keep_figures
 from tests.patience import patient_fleet
 from tests.plugin_files import write_plugin
 
@@ -187,6 +188,26 @@ def test_the_picture_marks_robots_that_failed_or_were_dropped(tmp_path: Path) ->
     assert np.array_equal(imread(plain), imread(done))
     assert imread(plain).shape == imread(lost).shape
     assert not np.array_equal(imread(plain), imread(lost))
+
+
+def test_eight_robots_have_eight_colours_and_markers_and_a_cross_is_where_it_happened(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    figures = keep_figures(monkeypatch, picture)
+    names = [f"robot-{number}" for number in range(8)]
+    paths = {
+        name: [PoseSample(time_s / 2, time_s, y_m, time_s / 10) for time_s in range(41)]
+        for y_m, name in enumerate(names)
+    }
+    draw_trajectory(paths, None, tmp_path / "all.png", "title", {"robot-3": "dropped"}, lost_s={"robot-3": 5.2})
+    arena, headings = figures[0].axes
+    ends = [line for line in arena.lines if line.get_label() in (*names, "robot-3 (dropped)")]
+    assert len({line.get_color() for line in ends}) == len({line.get_marker() for line in ends}) == 8
+    crosses = [line for axes in (arena, headings) for line in axes.lines if line.get_marker() == "x"]
+    places = [number for line in crosses for number in np.ravel(line.get_xydata())]
+    assert places == pytest.approx([10.0, 3.0, 5.0, math.degrees(1.0)])
+    assert (arena.get_xlabel(), headings.get_xlabel(), arena.get_aspect()) == ("x [m]", "fleet time [s]", 1.0)
+    assert len(arena.collections) == 8  # small arrows: the headings along each path
 
 
 @pytest.mark.parametrize(

@@ -23,11 +23,37 @@ export function describeValue(info) {
 }
 
 /**
+ * Describe in words what may be entered: `0 to 360 deg`.
+ *
+ * @param {ValueDescription} info
+ */
+export function describeInput(info) {
+  const unit = info.unit ? ` ${info.unit}` : "";
+  if (info.shape.length > 1)
+    return `rows of ${info.shape[1] ?? "some"} numbers, separated by semicolons${unit && `,${unit}`}`;
+  if (info.shape.length) return `${info.shape[0] ?? "some"} numbers, separated by commas${unit && `,${unit}`}`;
+  if (info.type === "BOOL") return "true or false";
+  if (info.choices.length) return `one of ${info.choices.join(", ")}`;
+  if (!NUMBERS.includes(info.type)) return "a text";
+  const kind = info.type === "INT" ? "a whole number" : "a number";
+  const { minimum, maximum } = info;
+  if (minimum !== null && maximum !== null) return `${kind} from ${shown(minimum)} to ${shown(maximum)}${unit}`;
+  if (minimum !== null) return `${kind} of at least ${shown(minimum)}${unit}`;
+  if (maximum !== null) return `${kind} of at most ${shown(maximum)}${unit}`;
+  return `${kind}${unit && ` in${unit}`}`;
+}
+
+/** @param {number} limit */
+function shown(limit) {
+  return String(Number(limit.toFixed(4)));
+}
+
+/**
  * Return the field of a command's argument, or of a value to set.
  *
  * @param {ValueDescription} info
  * @param {string} title
- * @returns {Field<Value | number[]>}
+ * @returns {Field<Value | number[] | number[][]>}
  */
 export function valueField(info, title) {
   if (info.shape.length) return arrayField(info, title);
@@ -41,36 +67,44 @@ export function valueField(info, title) {
   const node = numberInput(isInteger, title);
   if (info.minimum !== null) node.min = String(info.minimum);
   if (info.maximum !== null) node.max = String(info.maximum);
-  node.placeholder = `${info.minimum ?? ""} … ${info.maximum ?? ""}`;
+  if (info.minimum !== null && info.maximum !== null)
+    node.placeholder = `${shown(info.minimum)} … ${shown(info.maximum)}`;
   return {
     node,
     read() {
       const value = node.valueAsNumber;
       return isInRange(value, info, isInteger)
         ? { problem: null, value }
-        : { problem: `must be ${describeValue(info)}` };
+        : { problem: `must be ${describeInput(info)}` };
     },
   };
 }
 
-/** @param {ValueDescription} info @param {string} title @returns {Field<number[]>} */
+/** @param {ValueDescription} info @param {string} title @returns {Field<number[] | number[][]>} */
 function arrayField(info, title) {
+  const [first, second] = info.shape;
   const isFlat = info.shape.length === 1;
-  const placeholder = isFlat ? "numbers, separated by commas" : "cannot be entered here";
-  const node = el("input", { type: "text", placeholder, "aria-label": title });
+  const node = el("input", { type: "text", placeholder: isFlat ? "1, 2, …" : "1, 2; 3, 4; …", "aria-label": title });
+  const problem = `must be ${describeInput(info)}`;
+  /** @param {number | null | undefined} size @param {unknown[]} items */
+  const fits = (size, items) => items.length > 0 && (size === null || size === undefined || size === items.length);
   return {
     node,
     read() {
-      const value = node.value
-        .split(/[\s,]+/)
-        .filter(Boolean)
-        .map(Number);
-      if (!value.length || value.some(Number.isNaN)) return { problem: "must be numbers, separated by commas" };
-      const [size] = info.shape;
-      if (!isFlat || (size !== null && size !== value.length)) return { problem: `must be ${describeValue(info)}` };
-      return { problem: null, value };
+      const rows = node.value.split(";").map(parseNumbers);
+      if (rows.flat().some(Number.isNaN) || info.shape.length > 2) return { problem };
+      if (isFlat) return rows.length === 1 && fits(first, rows[0]) ? { problem: null, value: rows[0] } : { problem };
+      return fits(first, rows) && rows.every((row) => fits(second, row)) ? { problem: null, value: rows } : { problem };
     },
   };
+}
+
+/** @param {string} text */
+function parseNumbers(text) {
+  return text
+    .split(/[\s,]+/)
+    .filter(Boolean)
+    .map(Number);
 }
 
 /**

@@ -15,6 +15,7 @@ const filter = { level: "info", robot: "", text: "" };
 export function logsView(root) {
   root.className = "fill";
   const lines = el("div", { class: "panel lines", role: "log", tabIndex: 0, "aria-label": "Log lines" });
+  const empty = el("p", { class: "faint", hidden: true });
   const lost = el("span", { class: "chip warn", hidden: true });
   const robots = el("select", { onchange: () => setFilter("robot", robots.value) });
   const levels = el(
@@ -34,12 +35,13 @@ export function logsView(root) {
     el(
       "div",
       { class: "row" },
-      el("h1", { class: "grow" }, "Logs"),
+      el("h1", { class: "grow" }, "Logs ", el("span", { class: "faint small" }, "wall time of this computer")),
       lost,
       el("label", {}, "Level", levels),
       el("label", {}, "Robot", robots),
       el("label", {}, "Contains", search),
     ),
+    empty,
     lines,
   );
   /** @type {LogLine | null} */
@@ -72,6 +74,9 @@ export function logsView(root) {
     else lines.append(...fresh);
     while (lines.children.length > MAX_LINES) lines.firstChild?.remove();
     last = store.logs.at(-1) ?? null;
+    empty.hidden = lines.children.length > 0;
+    lines.hidden = !empty.hidden;
+    setText(empty, store.logs.length ? "No line passes the filter." : "Nothing has been logged yet.");
     lost.hidden = !store.logsLost;
     setText(lost, `${store.logsLost} lines were dropped`);
     if (isAtEnd || start === 0) lines.scrollTop = lines.scrollHeight;

@@ -28,7 +28,8 @@ export function scenarioView(root) {
   const canvas = el("canvas", { role: "img", "aria-label": "Timeline of the run" });
   const frame = el("div", { class: "panel timeline", tabIndex: 0 }, canvas);
   const notes = el("ul", { class: "notes small", "aria-label": "Events of the run" });
-  const notesPanel = el("div", { class: "panel" }, notes);
+  const heading = el("h2", {}, "Events ", el("span", { class: "faint small" }, "fleet time since the start"));
+  const notesPanel = el("div", { class: "panel stack" }, heading, notes);
   root.append(
     el("h1", {}, "Scenario"),
     el("div", { class: "split" }, form.node, el("div", { class: "stack" }, status.node, frame, notesPanel)),
@@ -222,7 +223,8 @@ class RunStatus {
     this.phase.className = `state ${tone}`;
     const duration_s = run.duration_s ?? store.fleetNow() - run.started_s;
     const calls = `${run.done} of ${Math.max(run.calls, run.done)} calls`;
-    const parts = [run.scenario, calls, formatSeconds(Math.max(0, duration_s)), run.error];
+    const duration = `${formatSeconds(Math.max(0, duration_s))} of fleet time`;
+    const parts = [run.scenario, calls, duration, run.error];
     setText(this.detail, parts.filter(Boolean).join(" · "));
     this.report.hidden = !run.report;
     if (run.report) this.report.href = run.report;

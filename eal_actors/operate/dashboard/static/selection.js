@@ -15,7 +15,7 @@ export class SelectionBar {
   robots = [];
   /** @type {Choice[]} */
   choices = [];
-  /** @type {Field<Value | number[]> | null} */
+  /** @type {Field<Value | number[] | number[][]> | null} */
   field = null;
   count = el("strong");
   command = el("select", { "aria-label": "Command" });
@@ -105,7 +105,7 @@ export class SelectionBar {
     await this.run(choice.resource, text, prefix === undefined ? input.value : null);
   }
 
-  /** @param {string} resource @param {string} text @param {Value | number[] | null} [value] */
+  /** @param {string} resource @param {string} text @param {Value | number[] | number[][] | null} [value] */
   async run(resource, text, value = null) {
     const robots = [...this.robots];
     this.report(`${text} to ${robots.length} robots …`, "");

@@ -3,7 +3,7 @@
 import { formatSeconds } from "./dom.js";
 import { forgetPoses, notePoses } from "./history.js";
 
-/** @import { Activity, Change, Hello, LogLine, Point, Pose, Robot, Role, Run, RunEvent, StartedRun, Tone, TrailPoint, Update } from "./types" */
+/** @import { Activity, Change, Hello, LiveValue, LogLine, Point, Pose, Robot, Role, Run, RunEvent, StartedRun, Tone, TrailPoint, Update } from "./types" */
 
 /** @type {Role[]} */
 const ROLES = ["watch", "drive", "run", "administer"];
@@ -23,6 +23,8 @@ class Store {
   robots = {};
   /** @type {Record<string, Pose>} */
   poses = {};
+  /** @type {Record<string, Record<string, LiveValue>>} Of the robot whose page is open. */
+  values = {};
   /** @type {Record<string, TrailPoint[]>} */
   trails = {};
   /** @type {Record<string, Point[] | null>} Planned paths of the robots that are under way. */
@@ -50,6 +52,7 @@ class Store {
     this.hello = hello;
     this.robots = {};
     this.poses = {};
+    this.values = {};
     this.trails = Object.fromEntries(
       Object.entries(hello.trails).map(([name, points]) => [name, points.map(([x, y]) => [x, y, -Infinity])]),
     );
@@ -85,6 +88,10 @@ class Store {
       for (const [name, pose] of Object.entries(update.poses)) this.#extendTrail(name, pose);
       notePoses(this.poses);
       changed.add("poses");
+    }
+    if (update.values) {
+      this.values = update.values;
+      changed.add("values");
     }
     if (update.paths) {
       Object.assign(this.paths, update.paths);
@@ -136,6 +143,11 @@ class Store {
   /** Return the time of the fleet's clock, in seconds. */
   fleetNow() {
     return this.#now_s + ((performance.now() - this.#updatedAt) / 1000) * (this.hello?.rate ?? 1);
+  }
+
+  /** Return whether the fleet's clock goes as fast as real time. */
+  isRealTime() {
+    return (this.hello?.rate ?? 1) === 1;
   }
 
   updatesPerSecond() {
@@ -209,7 +221,7 @@ export function activitiesOf(robot) {
 export function activityText({ text, fraction, note, by, since_s }) {
   const percent = fraction === null ? "" : `${Math.round(fraction * 100)} %`;
   const progress = [percent, note].filter(Boolean).join(" ");
-  const duration = formatSeconds(Math.max(0, store.fleetNow() - since_s));
+  const duration = `${formatSeconds(Math.max(0, store.fleetNow() - since_s))}${store.isRealTime() ? "" : " of fleet time"}`;
   return [text, progress, duration, by && `by ${by}`].filter(Boolean).join(", ");
 }
 

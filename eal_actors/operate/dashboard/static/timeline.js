@@ -136,6 +136,8 @@ function drawAxis(context, end, scale, height) {
     context.stroke();
     context.fillText(`${time} s`, x, AXIS_PX / 2);
   }
+  context.textAlign = "left";
+  context.fillText("fleet time", 8, AXIS_PX / 2);
 }
 
 /** @param {CanvasRenderingContext2D} context @param {Bar} bar @param {number} y @param {number} scale */

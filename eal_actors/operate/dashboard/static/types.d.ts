@@ -1,5 +1,5 @@
 // Types of the page: messages of the websocket, entries of the store, and views. Read by tsc only; never served.
-// The server's side of the messages is in messages.py (page to server), and in fleet_poller.py, run_manager.py, log_tap.py,
+// The server's side of the messages is in messages.py (page to server), and in fleet_poller.py, values.py, run_manager.py, log_tap.py,
 // world_map.py and dispatcher.py (server to page).
 
 // Messages from the server.
@@ -40,6 +40,8 @@ export interface Update {
   /** A robot that left the fleet is null. */
   robots?: Record<string, Robot | null>;
   poses?: Record<string, Pose>;
+  /** Live values of the robot that this page watches, by resource. */
+  values?: Record<string, Record<string, LiveValue>>;
   /** The planned path of a robot; null at its end. */
   paths?: Record<string, Point[] | null>;
   run?: { "": Run };
@@ -107,6 +109,16 @@ export interface RunningCommand {
 export interface Pose {
   at: [number, number, number];
   by: string | null;
+}
+
+/** The newest value of a resource: none before the first answer. Arrays are flat; null stands for NaN. */
+export interface LiveValue {
+  value?: Value | (number | boolean | null)[] | null;
+  /** When it was measured, by the fleet's clock. */
+  stamp_s?: number | null;
+  error?: string;
+  /** For how long the newest question has had no answer, in seconds; only if that is long. */
+  silent_s?: number;
 }
 
 export type Run = { phase: "none" } | StartedRun;
@@ -202,13 +214,21 @@ export interface ResourceDescription {
   value: ValueDescription | null;
   commands: CommandDescription[];
   requests: CommandDescription[];
-  configs: { name: string; value: ValueDescription; writable: boolean; description: string }[];
+  configs: ConfigDescription[];
+}
+
+export interface ConfigDescription {
+  name: string;
+  value: ValueDescription;
+  writable: boolean;
+  description: string;
 }
 
 export interface CommandDescription {
   name: string;
   argument: ValueDescription | null;
   returns: ValueDescription | null;
+  urgent: boolean;
   description: string;
 }
 
@@ -245,7 +265,7 @@ export interface Parameter {
 // Messages to the server.
 
 export type Value = string | number | boolean;
-export type Argument = Value | number[] | null;
+export type Argument = Value | number[] | number[][] | null;
 
 /** Requests, by the word in `do`; each is answered. */
 export interface Requests {
@@ -293,12 +313,13 @@ export type Answer = AnswerTo<RequestName>;
 /** Messages without an answer. */
 export type Message =
   | { do: "watch"; cameras: [string, string][]; rate_hz?: number }
+  | { do: "watch_values"; robot: string | null }
   | { do: "drive"; robot: string; press: number; speed_m_s: number; turn_rad_s: number }
   | { do: "release"; robot: string };
 
 // The page.
 
-export type Change = "hello" | "robots" | "poses" | "run" | "logs" | "events" | "time";
+export type Change = "hello" | "robots" | "poses" | "values" | "run" | "logs" | "events" | "time";
 
 export interface View {
   update(changed: Set<Change>): void;

@@ -1,0 +1,49 @@
+"""The picture of a sweep: quantities, units and robots in words."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from eal_actors.lab.sweeping import plot
+from eal_actors.lab.sweeping.results import SweepResult
+from eal_actors.lab.sweeping.sweep import SweepJob
+from eal_actors.scenario import load_scenario
+from tests.figures import keep_figures
+
+SCENARIO = """\
+version: 1
+name: drive
+parameters:
+  way_m: {type: double, default: 1.0, unit: m}
+  speed_m_s: {type: double, default: 0.1, unit: m/s}
+roles: {all: {}}
+steps:
+  - log: nothing
+"""
+
+
+def test_panels_and_lines_are_named_for_people(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    figures = keep_figures(monkeypatch, plot)
+    file = tmp_path / "drive.yaml"
+    file.write_text(SCENARIO)
+    results = [
+        SweepResult(
+            SweepJob(f"{way_m}-{speed_m_s}-{seed}", {"way_m": way_m, "speed_m_s": speed_m_s}, {}, seed),
+            "done",
+            way_m / speed_m_s + seed,
+            variables={"evbot2-1.left": way_m, "gap_mm": seed * way_m, "name": "text"},
+        )
+        for way_m in (1.0, 2.0, 3.0)
+        for speed_m_s in (0.1, 0.3)
+        for seed in (1, 2, 3)
+    ]
+    picture = tmp_path / "sweep.png"
+    assert plot.draw_sweep(results, load_scenario(file), picture) == picture
+    panels = [axes for axes in figures[0].axes if axes.get_visible()]
+    assert [axes.get_title() for axes in panels] == ["duration", "left of evbot2-1", "gap"]
+    assert [axes.get_xlabel() for axes in panels] == ["way [m]"] * 3
+    assert [axes.get_ylabel() for axes in panels] == ["duration [s]", "left", "gap [mm]"]
+    legend = [text.get_text() for text in figures[0].legends[0].get_texts()]
+    assert legend == ["speed 0.1 m/s", "speed 0.3 m/s"]
