@@ -80,6 +80,7 @@ class LiveView:
         self._values = [value for value in self._sensors() if value.name != self._paths[value.robot]]
         self._angles = scanner_angles(self._infos, [SampleSpec(value, _VALUE_PERIOD_S) for value in self._values])
         self._transforms: dict[str, Message] = {}
+        self._newest_s: dict[str, float] = {}
         self._scenes = self._make_scenes()
         self._control = ViewerControl(fleet) if allow_control else None
         self._sampler = Sampler(fleet.clock, self._poses, self._add_pose)
@@ -168,6 +169,9 @@ class LiveView:
         if sample is None:
             return False
         time_s = self._wall_s(sample.time_s)
+        if time_s <= self._newest_s.get(topic_of(resource), 0.0):  # the same pose again: a late sampler catches up
+            return True
+        self._newest_s[topic_of(resource)] = time_s
         sample = sample._replace(time_s=time_s)
         self._log(topic_of(resource), schemas.POSE, messages.pose_message(sample), time_s)
         if resource.name == self._paths[resource.robot]:
