@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from typing_extensions import override
 
@@ -16,7 +18,6 @@ from eal_actors.plugin import (
     ValueInfo,
     finite_pose,
     request,
-    wrapped_rad,
 )
 
 from ..arena import Pose2D
@@ -137,4 +138,4 @@ class Odometry(RobotResource):
 
 def _pose_data(pose: Pose2D, frame_id: str, now_s: float) -> EALData:
     x_m, y_m, yaw_rad = pose
-    return EALData.of(np.array([x_m, y_m, wrapped_rad(yaw_rad)]), frame_id=frame_id, stamp_s=now_s)
+    return EALData.of(np.array([x_m, y_m, math.remainder(yaw_rad, math.tau)]), frame_id=frame_id, stamp_s=now_s)
