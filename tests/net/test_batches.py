@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import random
 import threading
 from collections.abc import Iterator
@@ -214,6 +215,8 @@ def test_malformed_batches_do_nothing_and_the_robot_serves_on(here: Crowd) -> No
     bad += [b"\x92" + rng.randbytes(rng.randrange(60)) for _ in range(200)]
     for envelope in bad:
         controller._transport.put(key, envelope)
+    with contextlib.suppress(ProtocolError):  # the answer to a malformed call goes to all that wait; it is before this
+        here.fleet["r1"].release("Counter").get(timeout=WAIT_S)
     assert here.fleet["r1"]["Counter"].send_cmd("step1").get(timeout=WAIT_S) == 1
     assert eventually(lambda: here.counters["r1"][0].steps == ["1"])
 

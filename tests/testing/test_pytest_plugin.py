@@ -162,9 +162,11 @@ def test_a_seed_is_a_whole_number(pytester: pytest.Pytester, seed: str) -> None:
     result.stderr.fnmatch_lines([f"*argument --eal-seed: must be a whole number of at least 0, not '{seed}'"])
 
 
-def test_the_plugin_is_declared_under_the_name_of_its_module() -> None:
+def test_each_plugin_is_declared_under_the_name_of_its_module() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert project["entry-points"]["pytest11"] == {PLUGIN: PLUGIN}
+    declared = project["entry-points"]["pytest11"]
+    assert PLUGIN in declared
+    assert all(name == module for name, module in declared.items())
 
 
 def test_runs_that_do_not_use_it_import_nothing_heavy() -> None:
