@@ -18,7 +18,7 @@ from eal_actors.device.data import DataType, EALData, ValueInfo
 from eal_actors.device.info import ResourceType
 from eal_actors.device.resource import Resource, command
 from eal_actors.kernel.clock import SystemClock
-from eal_actors.kernel.errors import ArgumentError, EALError, StoppedError
+from eal_actors.kernel.errors import ArgumentError, EALError, ProtocolError, StoppedError
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.wire.format.batches import MAX_ROWS, encode_batch
 from eal_actors.wire.format.packing import PROTOCOL_VERSION, pack
