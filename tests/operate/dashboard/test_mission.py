@@ -111,7 +111,7 @@ def test_a_selection_is_commanded_together_with_a_checked_argument(
         field = bar.locator("input")
         field.fill("400")
         bar.get_by_role("button", name="Send").click()
-        expect(bar).to_contain_text("must be double 0..360 deg")
+        expect(bar).to_contain_text("must be a number from 0 to 360 deg")
         field.fill("30")
         bar.get_by_role("button", name="Send").click()
         expect(bar).to_contain_text("✓ turn30: 2 of 2 robots done")
