@@ -125,23 +125,26 @@ class Mishaps:
     def __init__(self, watch: TravelWatch, seed: int) -> None:
         self._watch = watch
         self._random = Random(seed)  # noqa: S311
-        self._stuck_until_s: dict[str, float] = {}
+        self._stopped_until_s: dict[str, float] = {}
+        self._shares: dict[str, float] = {}
         self.killed: str | None = None
         for name in self._random.sample(sorted(watch.radii_m), max(1, len(watch.radii_m) // 4)):
             share = self._random.uniform(0.5, 0.9)
+            self._shares[name] = share
             watch.simulation.inject(name, motor_left=share, motor_right=share)
 
     def happen(self) -> None:
         """Let happen what is due; to be called every 0.1 s."""
         now_s, simulation = self._watch.simulation.now_s, self._watch.simulation
-        for name, until_s in list(self._stuck_until_s.items()):
+        for name, until_s in list(self._stopped_until_s.items()):
             if now_s >= until_s:
-                del self._stuck_until_s[name]
-                simulation.inject(name, stuck_left=False, stuck_right=False)
+                del self._stopped_until_s[name]
+                share = self._shares.get(name, 1.0)
+                simulation.inject(name, motor_left=share, motor_right=share)
         for name in self._watch.radii_m:
-            if name not in self._stuck_until_s and name != self.killed and self._random.random() < 0.004:
-                self._stuck_until_s[name] = now_s + self._random.uniform(0.5, 7.0)
-                simulation.inject(name, stuck_left=True, stuck_right=True)
+            if name not in self._stopped_until_s and name != self.killed and self._random.random() < 0.004:
+                self._stopped_until_s[name] = now_s + self._random.uniform(0.5, 7.0)
+                simulation.inject(name, motor_left=0.0, motor_right=0.0)  # no stuck wheel, which ends a motion
         if self.killed is None and now_s > 8.0:
             middle = [name for name in self._watch.radii_m if abs(self._watch.pose(name)[0]) < 1.2]
             if middle:
