@@ -43,7 +43,7 @@ def run(eal: Any, write: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     """A run in which ann dies at 1.5 s."""
     monkeypatch.chdir(tmp_path)
     write("legs.yaml", SCENARIO), write("pair.yaml", FLEET)
-    assert eal("run", "legs.yaml", "--fleet", "pair.yaml", "--no-plot").exit_code == 1
+    assert eal("run", "legs.yaml", "--fleet", "pair.yaml", "--no-plot", "--strict").exit_code == 1
     (made,) = (tmp_path / "runs").iterdir()
     return made
 

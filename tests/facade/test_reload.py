@@ -174,7 +174,7 @@ def test_an_emergency_stop_outlives_the_restart(write: Write) -> None:
         (TWO, "world: lab\n", r"fleet\.yaml:3:8: world: 'world' cannot change"),
         ("  two: {plugins: {mover: {speed: fast}}}\n", "", r"fleet\.yaml:4:34: robots\.two\.plugins\.mover\.speed"),
         ("  two: {plugins: {moover: {}}}\n", "", r"fleet\.yaml:4:19: .*unknown plugin 'moover'"),
-        ("  two: {plugins: {mover: {}}\n", "", r"fleet\.yaml:5:3: not valid YAML"),
+        ("  two: {plugins: {mover: {}}\n", "", r"fleet\.yaml:5:3: a .,. or .}. is missing"),
         ("  two: {typ: x}\n", "", r"fleet\.yaml:4:9: robots\.two\.typ"),
     ],
 )
