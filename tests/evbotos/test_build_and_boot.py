@@ -22,7 +22,7 @@ from evbotos.model import Local, PackagedKernel
 from evbotos.outputs import Built
 from evbotos.packages import Apt
 from evbotos.project import project_files
-from tests.evbotos.proof import Proof, first_answer_s, give_keys, started
+from tests.evbotos.proof import SERVES, Proof, first_answer_s, give_keys, started, wait_for_words
 
 KERNEL = PackagedKernel(
     package="linux-image-cloud-amd64",
@@ -82,6 +82,7 @@ def proof(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Proof]:
 def test_it_boots_and_answers(proof: Proof, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     disk = Path(shutil.copyfile(proof.built.folder / "disk.img", tmp_path / "disk.img"))
     with started(proof, disk) as machine:
+        wait_for_words(machine, SERVES)  # docs/evbotos.md, "Limits": a link must not come while the engine opens
         took_s = first_answer_s(proof, machine, monkeypatch)
         _LOG.warning(f"first answered call after {took_s:.1f} s, of which QEMU computed {machine.computed_s():.1f} s")
 
