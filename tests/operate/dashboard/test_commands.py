@@ -187,7 +187,7 @@ def test_a_robot_moves_while_drive_messages_come(dashboard: Dashboard, fleet: Fl
         page.say(do="drive", robot="one", press=1, speed_m_s=0.2, turn_rad_s=0.1)
         page.hear_until(lambda: len(page.drive_errors) == 2)
         assert (page.drive_errors[1]["code"], page.drive_errors[1]["press"]) == ("stale_command", 1)
-        assert base.twist == [0.0, 0.0]
+        wait_for(base, lambda: base.twist == [0.0, 0.0])
         other.say(do="drive", robot="one", press=1, speed_m_s=0.2, turn_rad_s=0.0)
         other.hear_until(lambda: bool(other.drive_errors))
 

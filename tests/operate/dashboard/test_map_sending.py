@@ -32,7 +32,7 @@ FLEET = """\
 version: 1
 name: sent
 seed: 4
-clock: {rate: 10}
+clock: {rate: 4}  # the faster, the sooner a busy machine makes a robot seem blocked
 world: hall.yaml
 robots:
   rover: {plugins: {sim: {model: roomba, start: {x_m: -2, y_m: -1, yaw_deg: 0}}}}
