@@ -60,13 +60,7 @@ def stitch_frames(
     The exit code is 1 if a frame was left out.
     """
     try:
-        from eal_actors.lab.panorama.folder import (
-            PANORAMA,
-            PICTURES,
-            describe,
-            read_frames,
-            save_panorama,
-        )
+        from eal_actors.lab.panorama.folder import PANORAMA, PICTURES, describe, read_frames, save_panorama
     except ImportError as error:
         raise UnsupportedError(f"stitching needs OpenCV ({error}): pip install 'eal-actors[vision]'") from None
     if out is not None and out.suffix.lower() not in PICTURES:
@@ -81,11 +75,11 @@ def stitch_frames(
             save_panorama(panorama, file)
             reports[robot.name] = {"file": str(file), **describe(panorama, frames)}
             on_done(f"{robot.name}: {counted(len(frames.images), 'frame')}", False)
-    if not as_json:
-        for report in reports.values():
-            _print_report(report, field_of_view)
     if as_json:
         write_json(reports if (folder / EVENTS).is_file() else reports[folder.name])
+    else:
+        for report in reports.values():
+            _print_report(report, field_of_view)
     if any(frame["left_out"] for report in reports.values() for frame in report["frames"]):
         raise typer.Exit(ExitCode.FAILED)
 
