@@ -8,12 +8,16 @@ import tempfile
 from pathlib import Path
 from typing import Any, Final
 
+from vda5050 import OrderBuilder
+
 from eal_actors import Fleet
 from eal_actors.managers.plugins import EALPluginManager
 from eal_actors.operate.foxglove import LiveView
 from eal_actors.recording.arena import draw_arena, draw_grid, new_figure
 from tests.operate.foxglove.viewer import Viewer
-from tests.unit.plugins.ros2.rig import ros2_peer
+from tests.unit.plugins.mqtt.rig import Broker, error_of, mqtt_fleet
+from tests.unit.plugins.ros2.rig import ros2_peer, wait_for
+from tests.unit.plugins.vda5050.rig import SdkAgv, SdkMaster
 
 IMAGES: Final = Path(__file__).parent / "images"
 SIDE_M: Final = 0.8
@@ -74,6 +78,48 @@ def draw_ros2(folder: Path) -> None:
     figure.savefig(IMAGES / "ros2.png")
 
 
+def draw_vda5050(folder: Path) -> None:
+    """Draw two AGVs that are driven by orders, and what a master received of a robot that it drives."""
+    with Broker(folder) as broker, SdkAgv(broker, "a", (0.0, 0.0, 0.0)) as a, SdkAgv(broker, "b", (2.0, 0.0, 0.0)) as b:
+        for serial, agv in (("a", a), ("b", b)):
+            x_m, y_m = agv.pose[:2]
+            goal = [x_m, y_m, x_m + 1, y_m, x_m + 1, y_m + 1, x_m, y_m + 1, x_m, y_m]
+            settings = {"broker": broker.url, "manufacturer": "ACME", "serial_number": serial}
+            with mqtt_fleet(folder, "vda5050", one=settings) as fleet:
+                wait_for(lambda fleet=fleet: not error_of(lambda: fleet["one"]["State"].get_value().get()), "no state")  # type: ignore[misc]
+                fleet["one"]["Base"].send_cmd("follow", goal, timeout_s=60.0).get()
+        driven = _drive_as_master(folder, broker)
+    figure = _figure()
+    axes = figure.subplots()
+    for name, path, colour in (("a", a.path, "#0072b2"), ("b", b.path, "#d55e00"), ("roomba-1", driven, "#009e73")):
+        axes.plot([x for x, _ in path], [y for _, y in path], color=colour, linewidth=2, label=name)
+    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+    axes.legend(loc="upper center", ncols=3)
+    axes.set_title("AGVs a and b by our orders; roomba-1 by another master's", loc="left", fontsize=10)
+    axes.set_ylim(-1.4, 1.6)
+    draw_grid(axes)
+    figure.savefig(IMAGES / "vda5050.png")
+
+
+def _drive_as_master(folder: Path, broker: Broker) -> list[tuple[float, float]]:
+    """Drive a simulated robot along a square by one order; returns the places that the master received."""
+    file = folder / "outward.yaml"
+    robots = {"roomba-1": {"plugins": {"sim": {"model": "roomba", "start": {"x_m": 0.5, "y_m": -1.2}}}}}
+    file.write_text(json.dumps({"version": 1, "name": "outward", "robots": robots}))
+    with SdkMaster(broker) as master, Fleet.load(file) as fleet:
+        bridge, settings = EALPluginManager().bridge("vda5050", {"broker": broker.url, "visualization_rate_hz": 20})
+        with bridge.open_bridge(fleet, settings):
+            wait_for(lambda: any(one.agv_position for one in master.states) and bool(master.factsheets), "no state")
+            builder = OrderBuilder(order_id="square", manufacturer="EAL", serial_number="roomba-1")
+            for number, (x_m, y_m) in enumerate(((0.5, -1.2), (1.3, -1.2), (1.3, -0.4), (0.5, -0.4), (0.5, -1.2))):
+                builder.add_node(f"n{number}", x=x_m, y=y_m, map_id="map", allowed_deviation_xy=0.3)
+                if number:
+                    builder.add_edge(f"n{number - 1}", f"n{number}")
+            master.run(master.client.dispatch(builder.build(), "EAL/roomba-1"))
+            wait_for(lambda: master.states[-1].last_node_id == "n4", "the square is not driven")
+    return [(one.x, one.y) for one in master.poses]
+
+
 def draw_foxglove(folder: Path) -> None:
     """Let three robots drive, and draw the hulls, paths and arena that a viewer received."""
     robots = {
@@ -124,6 +170,6 @@ def _disc(place: tuple[float, float], radius_m: float, colour: str) -> Any:
 
 
 if __name__ == "__main__":
-    for draw in (draw_foxglove, draw_ros2):
+    for draw in (draw_foxglove, draw_ros2, draw_vda5050):
         with tempfile.TemporaryDirectory() as made:
             draw(Path(made))

@@ -48,6 +48,7 @@ BESIDES = {
     "sim": {"eal_actors.device.proximity", "eal_actors.device.world"},
     "replay": {"eal_actors.recording.recorded_run"},
     "ros2": {"eal_actors", "eal_actors.recording.sampler"},
+    "vda5050": {"eal_actors", "eal_actors.recording.sampler"},
 }
 
 

@@ -98,7 +98,7 @@ def test_the_command_runs_until_it_is_interrupted(peer: Ros2Peer, file: Path) ->
 
 def test_wrong_bridges_and_settings_are_named(file: Path) -> None:
     for arguments, problem in (
-        (["sim"], "no plugin 'sim' brings a bridge; those that do: ros2"),
+        (["sim"], "no plugin 'sim' brings a bridge; those that do: ros2, vda5050"),
         (["ros2", "--setting", "domain=999"], "domain: "),
         (["ros2", "--setting", "rate=1"], "rate: "),
     ):

@@ -1,0 +1,1 @@
+"""An MQTT broker: topics as resources, and the connection that other plugins use."""

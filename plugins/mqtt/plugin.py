@@ -1,0 +1,113 @@
+"""The mqtt plugin: a device behind an MQTT broker, with topics as resources."""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from eal_actors.plugin import DataError, EALPlugin, PluginContext, Resource
+
+from .connection import Message, MqttConnection
+from .resources import TopicReader, TopicWriter
+from .settings import AnnounceSettings, PresenceSettings, Settings
+
+__all__ = ["Settings"]
+
+
+class MqttPlugin(EALPlugin):
+    """One device's connection to the broker, and the makers of its resources by their names."""
+
+    def __init__(
+        self, connection: MqttConnection, makers: dict[str, Callable[[], Resource]], farewell: Message | None
+    ) -> None:
+        super().__init__(*makers)
+        self.connection = connection
+        self.makers = makers
+        self.farewell = farewell
+
+
+class Presence:
+    """The device's presence: its own topic, which the broker sets by the device's last will."""
+
+    def __init__(self, connection: MqttConnection, settings: PresenceSettings | None) -> None:
+        self._connection = connection
+        self._settings = settings
+        self._inbox = None if settings is None else connection.subscribe(settings.topic, qos=1, max_bytes=1024)
+        self._newest: str | None = None
+
+    def why_not_ready(self) -> str | None:
+        """Return why the device cannot be reached now. Thread: any."""
+        if (problem := self._connection.why_not_ready()) is not None or self._settings is None or self._inbox is None:
+            return problem
+        try:
+            while (received := self._inbox.take()) is not None:
+                self._newest = received.payload.decode(errors="replace")
+        except DataError as error:
+            return error.message
+        if self._newest == self._settings.online:
+            return None
+        said = "nothing" if self._newest is None else repr(self._newest[:40])
+        return f"the device is absent: {self._settings.topic} says {said}, not {self._settings.online!r}"
+
+
+def connect(context: PluginContext) -> MqttPlugin:
+    """Open the connection; an absent broker is not ready, and reached when it appears.
+
+    Raises:
+        PluginError: a certificate or the password cannot be read.
+    """
+    settings: Settings = context.settings
+    announce = settings.announce
+    connection = MqttConnection(
+        settings,
+        context.clock,
+        client_name(context.robot),
+        will=None if announce is None else _said(announce, announce.offline),
+        greeting=None if announce is None else partial(_said, announce, announce.online),
+    )
+    presence = Presence(connection, settings.presence)
+    makers: dict[str, Callable[[], Resource]] = {}
+    for name, topic in settings.topics.items():
+        if topic.writable:
+            makers[name] = partial(TopicWriter, topic, connection, presence.why_not_ready)
+        else:
+            inbox = connection.subscribe(topic.topic, qos=topic.qos, max_bytes=topic.max_bytes)
+            makers[name] = partial(TopicReader, topic, inbox, context.clock, presence.why_not_ready)
+    connection.open()
+    return MqttPlugin(connection, makers, None if announce is None else _said(announce, announce.offline))
+
+
+def client_name(robot: str) -> str:
+    """Return a name for a client at a broker that no other has."""
+    return f"eal-{robot[:40]}-{uuid.uuid4().hex[:8]}"
+
+
+def _said(announce: AnnounceSettings, text: str) -> Message:
+    return Message(announce.topic, text.encode(), qos=1, retain=True)
+
+
+def disconnect(plugin: MqttPlugin) -> None:
+    """Close the connection."""
+    plugin.connection.close(plugin.farewell)
+
+
+def __getattr__(name: str) -> Callable[..., Any]:
+    """Return `create_<Resource>` or `destroy_<Resource>`, because the settings name the resources."""
+    action, _, resource = name.partition("_")
+    if action == "create" and resource:
+
+        def create(context: PluginContext) -> Resource:
+            """Create the resource."""
+            made: Resource = context.plugin.makers[resource]()
+            return made
+
+        return create
+    if action == "destroy" and resource:
+        return _destroy
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def _destroy(resource: Resource) -> None:
+    """Do nothing: the connection is the plugin's."""

@@ -1,0 +1,204 @@
+"""Topics as resources."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from typing import Any, Final
+
+from typing_extensions import override
+
+from eal_actors.plugin import (
+    ArgumentError,
+    Clock,
+    DataError,
+    DataType,
+    EALData,
+    NotReadyError,
+    Resource,
+    ResourceType,
+    ValueInfo,
+)
+
+from .connection import Inbox, Message, MqttConnection, Received, age_text
+from .settings import TopicSettings
+
+_TYPES: Final = {"number": DataType.DOUBLE, "flag": DataType.BOOL, "text": DataType.CHAR, "json": DataType.CHAR}
+
+WhyNotReady = Callable[[], str | None]
+
+
+def value_info(settings: TopicSettings) -> ValueInfo:
+    """Return the type of a topic's values."""
+    return ValueInfo(_TYPES[settings.value], settings.unit, description=f"topic {settings.topic}")
+
+
+class TopicReader(Resource):
+    """The newest message of a topic.
+
+    Args:
+        settings: the topic.
+        inbox: its messages.
+        clock: the fleet's clock.
+        why_not_ready: of the connection and the device.
+    """
+
+    types = ResourceType.SENSOR
+
+    def __init__(self, settings: TopicSettings, inbox: Inbox, clock: Clock, why_not_ready: WhyNotReady) -> None:
+        self._settings = settings
+        self._inbox = inbox
+        self._clock = clock
+        self._why_not_ready = why_not_ready
+        self._newest: Received | None = None
+        self._problem: DataError | None = None
+        self.value = value_info(settings)  # type: ignore[misc]  # of each resource its own
+        self.description = f"The newest message of {settings.topic}."  # type: ignore[misc]
+
+    def _refresh(self) -> None:
+        try:
+            while (received := self._inbox.take()) is not None:
+                self._newest, self._problem = received, None
+        except DataError as error:
+            self._newest, self._problem = None, error
+
+    @override
+    def not_ready(self) -> str | None:
+        self._refresh()
+        if self._problem is not None:  # get_value raises it
+            return None
+        arrived_s = -math.inf if self._newest is None else self._newest.arrived_s
+        age_s, limit_s = self._clock.now() - arrived_s, self._settings.timeout_s
+        is_silent = age_s == math.inf or (limit_s is not None and age_s > limit_s)
+        why = self._why_not_ready()
+        return why or (
+            f"no message on {self._inbox.topic}{age_text(arrived_s, self._clock.now())}" if is_silent else None
+        )
+
+    def get_value(self) -> EALData:
+        """Return the newest message.
+
+        Raises:
+            DataError: it is too long, or not what the settings say.
+            NotReadyError: there is none, or it is too old.
+        """
+        self._refresh()
+        if self._problem is not None:
+            raise self._problem
+        if self._newest is None or (why := self.not_ready()) is not None:
+            raise NotReadyError(self.not_ready() or why or "no message yet")
+        value = decode(self._newest.payload, self._settings)
+        return EALData.of(value, unit=self._settings.unit, stamp_s=self._newest.arrived_s)
+
+
+class TopicWriter(Resource):
+    """A topic that is published by set_value."""
+
+    types = ResourceType.ACTUATOR
+
+    def __init__(self, settings: TopicSettings, connection: MqttConnection, why_not_ready: WhyNotReady) -> None:
+        self._settings = settings
+        self._connection = connection
+        self._why_not_ready = why_not_ready
+        self.value = value_info(settings)  # type: ignore[misc]  # of each resource its own
+        self.description = f"Publishes {settings.topic}."  # type: ignore[misc]
+
+    @override
+    def not_ready(self) -> str | None:
+        return self._why_not_ready()
+
+    def set_value(self, data: EALData) -> None:
+        """Publish a message.
+
+        Raises:
+            ArgumentError: the value does not fit the settings.
+            UnavailableError: the broker is out of reach.
+        """
+        self._publish(encode(data.value, self._settings))
+
+    @override
+    def halt(self) -> None:
+        if self._settings.halt is not None and self._connection.why_not_ready() is None:
+            self._publish(self._settings.halt.encode())
+
+    def _publish(self, payload: bytes) -> None:
+        self._connection.publish(Message(self._settings.topic, payload, self._settings.qos, self._settings.retain))
+
+
+def decode(payload: bytes, settings: TopicSettings) -> Any:
+    """Return the value in a message.
+
+    Raises:
+        DataError: it is not what the settings say.
+    """
+    try:
+        text = payload.decode()
+    except UnicodeDecodeError as error:
+        raise DataError(f"{settings.topic}: a message is no text: {error}") from None
+    found: Any = text if settings.field is None else _field(text, settings)
+    if settings.value == "number":
+        return _number(found, settings)
+    if settings.value == "flag":
+        flags = {settings.on: True, settings.off: False}
+        if isinstance(found, bool):
+            return found
+        if str(found) not in flags:
+            raise DataError(f"{settings.topic}: {str(found)[:40]!r} is neither {settings.on!r} nor {settings.off!r}")
+        return flags[str(found)]
+    if settings.value == "json":
+        return json.dumps(_json(text, settings.topic) if settings.field is None else found)
+    return found if isinstance(found, str) else json.dumps(found)
+
+
+def _json(text: str, topic: str) -> Any:
+    try:
+        return json.loads(text, parse_constant=_refuse)
+    except (ValueError, RecursionError) as error:
+        raise DataError(f"{topic}: a message is no JSON: {error}") from None
+
+
+def _refuse(name: str) -> None:
+    raise ValueError(f"{name} is no number of JSON")
+
+
+def _field(text: str, settings: TopicSettings) -> Any:
+    found = _json(text, settings.topic)
+    for name in (settings.field or "").split("."):
+        if not isinstance(found, dict) or name not in found:
+            raise DataError(f"{settings.topic}: a message has no field {settings.field!r}")
+        found = found[name]
+    return found
+
+
+def _number(found: Any, settings: TopicSettings) -> float:
+    try:
+        number = math.nan if isinstance(found, bool) else float(found)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise DataError(f"{settings.topic}: {str(found)[:40]!r} is no finite number")
+    return number
+
+
+def encode(value: Any, settings: TopicSettings) -> bytes:
+    """Return the message for a value.
+
+    Raises:
+        ArgumentError: it does not fit the settings.
+    """
+    if settings.value == "number" and not math.isfinite(value):
+        raise ArgumentError(f"{settings.topic} takes finite numbers, not {value}")
+    if settings.value == "flag" and settings.field is None:
+        return (settings.on if value else settings.off).encode()
+    if settings.value == "json":
+        try:
+            value = json.loads(value)
+        except (ValueError, RecursionError) as error:
+            raise ArgumentError(f"{settings.topic} takes JSON: {error}") from None
+    if settings.field is not None:
+        for name in reversed(settings.field.split(".")):
+            value = {name: value}
+    elif settings.value == "text":
+        return str(value).encode()
+    return json.dumps(value).encode()
