@@ -15,8 +15,9 @@ from eal_actors.managers.plugins import EALPluginManager
 from eal_actors.operate.foxglove import LiveView
 from eal_actors.recording.arena import draw_arena, draw_grid, new_figure
 from tests.operate.foxglove.viewer import Viewer
+from tests.unit.plugins.mavlink.rig import Vehicle
 from tests.unit.plugins.mqtt.rig import Broker, error_of, mqtt_fleet
-from tests.unit.plugins.ros2.rig import ros2_peer, wait_for
+from tests.unit.plugins.ros2.rig import free_port, ros2_peer, wait_for
 from tests.unit.plugins.vda5050.rig import SdkAgv, SdkMaster
 
 IMAGES: Final = Path(__file__).parent / "images"
@@ -120,6 +121,27 @@ def _drive_as_master(folder: Path, broker: Broker) -> list[tuple[float, float]]:
     return [(one.x, one.y) for one in master.poses]
 
 
+def draw_mavlink(folder: Path) -> None:
+    """Draw the true path of an emulated rover within its geofence."""
+    port, fence = free_port(), [(-0.5, -0.5), (2.0, -0.5), (2.0, 1.5), (-0.5, 1.5)]
+    settings = {"port": f"udp://127.0.0.1:{port}", "auto_arm": True, "geofence": fence, "speed_m_s": 1.0}
+    with Vehicle(port) as rover, mqtt_fleet(folder, "mavlink", one=settings) as fleet:
+        wait_for(lambda: not error_of(lambda: fleet["one"]["Altitude"].get_value().get()), "no position")
+        base = fleet["one"]["Base"]
+        base.send_cmd("goto", [0.5, 0.2, 0.0], timeout_s=60.0).get()
+        for command in ("f1", "l90", "f1", "l90", "f1", "l90", "f1"):
+            base.send_cmd(command, timeout_s=60.0).get()
+    figure = _figure()
+    axes = figure.subplots()
+    axes.plot(*zip(*fence, fence[0], strict=True), "--", color="#d55e00", label="geofence")
+    axes.plot(*zip(*rover.path, strict=True), color="#0072b2", linewidth=2, label="path")
+    axes.set(xlabel="x, east [m]", ylabel="y, north [m]", aspect="equal")
+    axes.legend(loc="upper left")
+    axes.set_title("goto 0.5, 0.2, then a square by f1 and l90", loc="left", fontsize=10)
+    draw_grid(axes)
+    figure.savefig(IMAGES / "mavlink.png")
+
+
 def draw_foxglove(folder: Path) -> None:
     """Let three robots drive, and draw the hulls, paths and arena that a viewer received."""
     robots = {
@@ -170,6 +192,6 @@ def _disc(place: tuple[float, float], radius_m: float, colour: str) -> Any:
 
 
 if __name__ == "__main__":
-    for draw in (draw_foxglove, draw_ros2, draw_vda5050):
+    for draw in (draw_foxglove, draw_mavlink, draw_ros2, draw_vda5050):
         with tempfile.TemporaryDirectory() as made:
             draw(Path(made))

@@ -29,6 +29,7 @@ from eal_actors.device.ports import BytePort, ReopeningDevice, ReopeningPort
 from eal_actors.device.resource import Activity, Resource, command, config, config_setter, request
 from eal_actors.device.serial_ports import open_serial
 from eal_actors.device.sockets import TcpPort, UdpPort, open_tcp
+from eal_actors.device.velocity_base import OdometryReading, VelocityBase
 from eal_actors.device.world import FloorMarker
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import (
@@ -70,6 +71,7 @@ __all__ = [
     "Localizer",
     "NotReadyError",
     "OdometryNoise",
+    "OdometryReading",
     "PluginContext",
     "PluginError",
     "PluginSettingsModel",
@@ -86,6 +88,7 @@ __all__ = [
     "UnavailableError",
     "UnsupportedError",
     "ValueInfo",
+    "VelocityBase",
     "WheelCalibration",
     "command",
     "config",

@@ -2,7 +2,7 @@
 
 Nothing is queued for a broker that is away: a command must not be carried out minutes later. Of each topic the newest
 messages are kept until they are read, so a flood costs no memory. The client's thread only stores bytes; they are
-decoded by whoever reads them. The connection counts as open once the broker has confirmed the subscriptions.
+decoded by the reader. The connection counts as open once the broker has confirmed the subscriptions.
 
 Thread: any, after `open`.
 """
@@ -38,7 +38,7 @@ _MOST_BYTES: Final = 1 << 25
 
 
 @dataclass(frozen=True, slots=True)
-class Message:
+class MqttMessage:
     """A message to publish.
 
     Attributes:
@@ -55,7 +55,7 @@ class Message:
 
 
 @dataclass(frozen=True, slots=True)
-class Received:
+class MqttReceived:
     """A message as it arrived.
 
     Attributes:
@@ -69,7 +69,7 @@ class Received:
     is_too_long: bool = False
 
 
-class Inbox:
+class TopicInbox:
     """The newest messages of one topic.
 
     Attributes:
@@ -79,14 +79,14 @@ class Inbox:
     def __init__(self, topic: str, depth: int, max_bytes: int) -> None:
         self.topic: Final = topic
         self._max_bytes = max_bytes
-        self._waiting: deque[Received] = deque(maxlen=depth)
+        self._waiting: deque[MqttReceived] = deque(maxlen=depth)
 
     def put(self, payload: bytes, arrived_s: float) -> None:
         """Keep a message; the oldest is dropped from a full inbox. Thread: the client's."""
         is_too_long = len(payload) > self._max_bytes
-        self._waiting.append(Received(b"" if is_too_long else payload, arrived_s, is_too_long))
+        self._waiting.append(MqttReceived(b"" if is_too_long else payload, arrived_s, is_too_long))
 
-    def take(self) -> Received | None:
+    def take(self) -> MqttReceived | None:
         """Return the oldest message that is kept; None if there is none.
 
         Raises:
@@ -120,12 +120,12 @@ class MqttConnection:
         settings: BrokerSettings,
         clock: Clock,
         name: str,
-        will: Message | None = None,
-        greeting: Callable[[], Message] | None = None,
+        will: MqttMessage | None = None,
+        greeting: Callable[[], MqttMessage] | None = None,
     ) -> None:
         self.url: Final = settings.broker
         self._clock = clock
-        self._inboxes: dict[str, list[Inbox]] = {}
+        self._inboxes: dict[str, list[TopicInbox]] = {}
         self._qualities: dict[str, int] = {}
         self._greeting = greeting
         self._problem = "not tried yet"
@@ -138,7 +138,7 @@ class MqttConnection:
         """Begin to connect, in a thread of the client, which tries it again until `close`. Does not wait."""
         self._client.loop_start()
 
-    def _make_client(self, settings: BrokerSettings, name: str, will: Message | None) -> paho.Client:
+    def _make_client(self, settings: BrokerSettings, name: str, will: MqttMessage | None) -> paho.Client:
         is_5, parts = settings.protocol == "5", urlsplit(settings.broker)
         client = paho.Client(
             CallbackAPIVersion.VERSION2,
@@ -210,14 +210,14 @@ class MqttConnection:
 
     # The users' threads.
 
-    def subscribe(self, topic: str, *, qos: int = 0, depth: int = 1, max_bytes: int = 1 << 20) -> Inbox:
+    def subscribe(self, topic: str, *, qos: int = 0, depth: int = 1, max_bytes: int = 1 << 20) -> TopicInbox:
         """Subscribe to a topic, before `open`; its newest `depth` messages are kept until they are taken."""
-        inbox = Inbox(topic, depth, max_bytes)
+        inbox = TopicInbox(topic, depth, max_bytes)
         self._inboxes.setdefault(topic, []).append(inbox)
         self._qualities[topic] = max(qos, self._qualities.get(topic, 0))
         return inbox
 
-    def publish(self, message: Message) -> None:
+    def publish(self, message: MqttMessage) -> None:
         """Publish a message.
 
         Raises:
@@ -229,7 +229,7 @@ class MqttConnection:
             raise UnavailableError(f"{message.topic} was not published: {problem}")
         self._send(message)
 
-    def _send(self, message: Message) -> None:
+    def _send(self, message: MqttMessage) -> None:
         self._client.publish(message.topic, message.payload, message.qos, message.retain)
 
     def why_not_ready(self) -> str | None:
@@ -238,7 +238,7 @@ class MqttConnection:
             return None
         return f"cannot reach the MQTT broker at {self.url}: {self._problem}"
 
-    def close(self, farewell: Message | None = None, *, wait: bool = True) -> None:
+    def close(self, farewell: MqttMessage | None = None, *, wait: bool = True) -> None:
         """End the connection with a farewell, so that the broker does not publish the last will.
 
         Thread: blocks the caller for two real seconds at most, if it waits.

@@ -9,8 +9,8 @@ from typing import Any
 
 from eal_actors.plugin import DataError, EALPlugin, PluginContext, Resource
 
-from .connection import Message, MqttConnection
-from .resources import TopicReader, TopicWriter
+from .connection import MqttConnection, MqttMessage
+from .resources import MqttReader, MqttWriter
 from .settings import AnnounceSettings, PresenceSettings, Settings
 
 __all__ = ["Settings"]
@@ -20,7 +20,7 @@ class MqttPlugin(EALPlugin):
     """One device's connection to the broker, and the makers of its resources by their names."""
 
     def __init__(
-        self, connection: MqttConnection, makers: dict[str, Callable[[], Resource]], farewell: Message | None
+        self, connection: MqttConnection, makers: dict[str, Callable[[], Resource]], farewell: MqttMessage | None
     ) -> None:
         super().__init__(*makers)
         self.connection = connection
@@ -71,10 +71,10 @@ def connect(context: PluginContext) -> MqttPlugin:
     makers: dict[str, Callable[[], Resource]] = {}
     for name, topic in settings.topics.items():
         if topic.writable:
-            makers[name] = partial(TopicWriter, topic, connection, presence.why_not_ready)
+            makers[name] = partial(MqttWriter, topic, connection, presence.why_not_ready)
         else:
             inbox = connection.subscribe(topic.topic, qos=topic.qos, max_bytes=topic.max_bytes)
-            makers[name] = partial(TopicReader, topic, inbox, context.clock, presence.why_not_ready)
+            makers[name] = partial(MqttReader, topic, inbox, context.clock, presence.why_not_ready)
     connection.open()
     return MqttPlugin(connection, makers, None if announce is None else _said(announce, announce.offline))
 
@@ -84,8 +84,8 @@ def client_name(robot: str) -> str:
     return f"eal-{robot[:40]}-{uuid.uuid4().hex[:8]}"
 
 
-def _said(announce: AnnounceSettings, text: str) -> Message:
-    return Message(announce.topic, text.encode(), qos=1, retain=True)
+def _said(announce: AnnounceSettings, text: str) -> MqttMessage:
+    return MqttMessage(announce.topic, text.encode(), qos=1, retain=True)
 
 
 def disconnect(plugin: MqttPlugin) -> None:

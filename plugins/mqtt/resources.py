@@ -21,20 +21,20 @@ from eal_actors.plugin import (
     ValueInfo,
 )
 
-from .connection import Inbox, Message, MqttConnection, Received, age_text
-from .settings import TopicSettings
+from .connection import MqttConnection, MqttMessage, MqttReceived, TopicInbox, age_text
+from .settings import MqttTopicSettings
 
 _TYPES: Final = {"number": DataType.DOUBLE, "flag": DataType.BOOL, "text": DataType.CHAR, "json": DataType.CHAR}
 
 WhyNotReady = Callable[[], str | None]
 
 
-def value_info(settings: TopicSettings) -> ValueInfo:
+def value_info(settings: MqttTopicSettings) -> ValueInfo:
     """Return the type of a topic's values."""
     return ValueInfo(_TYPES[settings.value], settings.unit, description=f"topic {settings.topic}")
 
 
-class TopicReader(Resource):
+class MqttReader(Resource):
     """The newest message of a topic.
 
     Args:
@@ -46,12 +46,14 @@ class TopicReader(Resource):
 
     types = ResourceType.SENSOR
 
-    def __init__(self, settings: TopicSettings, inbox: Inbox, clock: Clock, why_not_ready: WhyNotReady) -> None:
+    def __init__(
+        self, settings: MqttTopicSettings, inbox: TopicInbox, clock: Clock, why_not_ready: WhyNotReady
+    ) -> None:
         self._settings = settings
         self._inbox = inbox
         self._clock = clock
         self._why_not_ready = why_not_ready
-        self._newest: Received | None = None
+        self._newest: MqttReceived | None = None
         self._problem: DataError | None = None
         self.value = value_info(settings)  # type: ignore[misc]  # of each resource its own
         self.description = f"The newest message of {settings.topic}."  # type: ignore[misc]
@@ -92,12 +94,12 @@ class TopicReader(Resource):
         return EALData.of(value, unit=self._settings.unit, stamp_s=self._newest.arrived_s)
 
 
-class TopicWriter(Resource):
+class MqttWriter(Resource):
     """A topic that is published by set_value."""
 
     types = ResourceType.ACTUATOR
 
-    def __init__(self, settings: TopicSettings, connection: MqttConnection, why_not_ready: WhyNotReady) -> None:
+    def __init__(self, settings: MqttTopicSettings, connection: MqttConnection, why_not_ready: WhyNotReady) -> None:
         self._settings = settings
         self._connection = connection
         self._why_not_ready = why_not_ready
@@ -123,10 +125,10 @@ class TopicWriter(Resource):
             self._publish(self._settings.halt.encode())
 
     def _publish(self, payload: bytes) -> None:
-        self._connection.publish(Message(self._settings.topic, payload, self._settings.qos, self._settings.retain))
+        self._connection.publish(MqttMessage(self._settings.topic, payload, self._settings.qos, self._settings.retain))
 
 
-def decode(payload: bytes, settings: TopicSettings) -> Any:
+def decode(payload: bytes, settings: MqttTopicSettings) -> Any:
     """Return the value in a message.
 
     Raises:
@@ -162,7 +164,7 @@ def _refuse(name: str) -> None:
     raise ValueError(f"{name} is no number of JSON")
 
 
-def _field(text: str, settings: TopicSettings) -> Any:
+def _field(text: str, settings: MqttTopicSettings) -> Any:
     found = _json(text, settings.topic)
     for name in (settings.field or "").split("."):
         if not isinstance(found, dict) or name not in found:
@@ -171,7 +173,7 @@ def _field(text: str, settings: TopicSettings) -> Any:
     return found
 
 
-def _number(found: Any, settings: TopicSettings) -> float:
+def _number(found: Any, settings: MqttTopicSettings) -> float:
     try:
         number = math.nan if isinstance(found, bool) else float(found)
     except (TypeError, ValueError):
@@ -181,7 +183,7 @@ def _number(found: Any, settings: TopicSettings) -> float:
     return number
 
 
-def encode(value: Any, settings: TopicSettings) -> bytes:
+def encode(value: Any, settings: MqttTopicSettings) -> bytes:
     """Return the message for a value.
 
     Raises:

@@ -47,13 +47,13 @@ class BrokerSettings(PluginSettingsModel):
     """File of the certificate's key."""
 
 
-class TopicSettings(PluginSettingsModel):
+class MqttTopicSettings(PluginSettingsModel):
     """A topic as a resource."""
 
     topic: Topic
     """Its name."""
     value: Literal["text", "number", "flag", "json"] = "text"
-    """What its messages are."""
+    """The kind of its messages."""
     field: str | None = None
     """The value is this field of a JSON object; names of nested fields are joined by dots."""
     unit: str | None = None
@@ -99,7 +99,7 @@ class AnnounceSettings(PluginSettingsModel):
 class Settings(BrokerSettings):
     """The plugin's settings in the fleet file."""
 
-    topics: dict[ResourceName, TopicSettings] = Field(min_length=1)
+    topics: dict[ResourceName, MqttTopicSettings] = Field(min_length=1)
     """Topics as resources, by the resources' names."""
     presence: PresenceSettings | None = None
     """Presence of the device; its resources are not ready while it is absent."""

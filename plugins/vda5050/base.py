@@ -24,7 +24,7 @@ from eal_actors.plugin import (
 )
 
 from .link import AgvLink
-from .orders import Limits, Place, path, standing, turn
+from .orders import OrderLimits, Place, path, standing, turn
 from .settings import Settings
 
 _PERIOD_S: Final = 0.05
@@ -99,9 +99,7 @@ class Base(DifferentialBase):
 
     @override
     def go_to(self, goal: Any) -> Activity:
-        numbers = [float(number) for number in goal]
-        if len(numbers) not in (2, 3) or not all(map(math.isfinite, numbers)):
-            raise ArgumentError(f"goto needs finite numbers x_m, y_m and perhaps yaw_rad, not {numbers}")
+        numbers = self.goal_numbers(goal)
         return self._order([(numbers[0], numbers[1], numbers[2] if len(numbers) > 2 else None)])
 
     @override
@@ -126,12 +124,12 @@ class Base(DifferentialBase):
     def _order(self, goals: Sequence[Place], *, is_reverse: bool = False) -> Activity:
         if len(goals) > _MOST_NODES:
             raise ArgumentError(f"an order has at most {_MOST_NODES} nodes, not {len(goals)}")
-        limits = Limits(
+        limits = OrderLimits(
             self._speed_m_s, math.radians(self._turn_rate_deg_s), self._settings.goal_deviation_m, is_reverse
         )
         return self._drive_order(goals, limits)
 
-    def _drive_order(self, goals: Sequence[Place], limits: Limits) -> Activity:
+    def _drive_order(self, goals: Sequence[Place], limits: OrderLimits) -> Activity:
         """Send one order and wait for its end; closing the activity cancels it."""
         is_over = False
         try:

@@ -12,7 +12,7 @@ from eal_actors.plugin import get_logger
 from eal_actors.recording.sampler import Sampler, SampleSpec
 
 from .settings import BridgeSettings
-from .vehicle import BASE, Vehicle
+from .vehicle import BASE, FleetVehicle
 
 __all__ = ["BridgeSettings"]
 
@@ -27,7 +27,7 @@ def open_bridge(fleet: Fleet, settings: BridgeSettings) -> Iterator[str]:
     Raises:
         PluginError: a certificate or the password cannot be read.
     """
-    vehicles = {robot.name: Vehicle(robot, settings, fleet.clock) for robot in fleet.values() if _drives(robot)}
+    vehicles = {robot.name: FleetVehicle(robot, settings, fleet.clock) for robot in fleet.values() if _drives(robot)}
     if left_out := sorted(set(fleet) - set(vehicles)):
         get_logger().warning("these robots are no AGVs: they have no Pose, or no Base that knows goto", robots=left_out)
     specs = []

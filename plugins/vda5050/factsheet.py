@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from eal_actors import EALError, RobotHandle
 
-from .messages import Header
+from .messages import AgvHeader
 
 ACTIONS: Final = ("command",)
 """The actions of nodes: `command` sends a command to a resource of the robot."""
@@ -20,7 +20,7 @@ _OPTIONAL: Final = (
 _KNOWN_S: Final = 5.0
 
 
-class FactsheetMessage(Header):
+class FactsheetMessage(AgvHeader):
     """A factsheet; its parts are as the standard has them."""
 
     type_specification: dict[str, Any]

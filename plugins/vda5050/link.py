@@ -23,19 +23,19 @@ from eal_actors.plugin import (
     get_logger,
 )
 
-from ..mqtt.connection import Inbox, Message, MqttConnection, age_text
+from ..mqtt.connection import MqttConnection, MqttMessage, TopicInbox, age_text
 from ..mqtt.plugin import client_name
 from .messages import (
-    Action,
+    AgvAction,
+    AgvHeader,
     AgvPosition,
+    AgvState,
     Connection,
     Edge,
-    Header,
     Headers,
     InstantActions,
     Node,
     Order,
-    State,
     Visualization,
     decode,
     encode,
@@ -43,7 +43,7 @@ from .messages import (
 from .orders import instant, why_not_automatic
 from .settings import Settings
 
-_M = TypeVar("_M", bound=Header)
+_M = TypeVar("_M", bound=AgvHeader)
 
 _MOST_BYTES: Final = 1 << 20
 _POLL_S: Final = 0.02
@@ -78,7 +78,7 @@ class AgvLink:
         self._poses = subscribe(f"{self._prefix}/visualization", depth=4, max_bytes=_MOST_BYTES)
         self._presence = subscribe(f"{self._prefix}/connection", qos=1, max_bytes=_MOST_BYTES)
         self.factsheets: Final = subscribe(f"{self._prefix}/factsheet", max_bytes=_MOST_BYTES)
-        self._newest: tuple[State, float] | None = None
+        self._newest: tuple[AgvState, float] | None = None
         self._position: AgvPosition | None = None
         self._connected: str | None = None
         self._problem: str | None = None
@@ -101,13 +101,13 @@ class AgvLink:
         with self._lock:
             while (connection := self._take(Connection, self._presence)) is not None:
                 self._connected = connection[0].connection_state
-            while (state := self._take(State, self._states)) is not None:
+            while (state := self._take(AgvState, self._states)) is not None:
                 self._newest, self._problem = state, None
                 self._follow(state[0].agv_position, state[1])
             while (pose := self._take(Visualization, self._poses)) is not None:
                 self._follow(pose[0].agv_position, pose[1])
 
-    def _take(self, kind: type[_M], inbox: Inbox) -> tuple[_M, float] | None:
+    def _take(self, kind: type[_M], inbox: TopicInbox) -> tuple[_M, float] | None:
         while True:
             try:
                 received = inbox.take()
@@ -146,7 +146,7 @@ class AgvLink:
             return problem
         return None if self._position is not None else "the AGV does not know its position: send initPosition"
 
-    def state(self) -> State:
+    def state(self) -> AgvState:
         """Return the newest state.
 
         Raises:
@@ -157,7 +157,7 @@ class AgvLink:
             raise UnavailableError(problem or "no state has arrived")
         return self._newest[0]
 
-    def state_since(self, sent_s: float) -> State | None:
+    def state_since(self, sent_s: float) -> AgvState | None:
         """Return the newest state if it arrived after a time. Raises what `state` raises."""
         state = self.state()
         return state if self._newest is not None and self._newest[1] > sent_s else None
@@ -210,10 +210,10 @@ class AgvLink:
         if self._commander is None:
             raise UnavailableError("nobody commands the AGV")
         order = Order(**self._headers.next("order"), order_id=order_id, order_update_id=0, nodes=nodes, edges=edges)
-        self._commander.publish(Message(f"{self._prefix}/order", encode(order)))
+        self._commander.publish(MqttMessage(f"{self._prefix}/order", encode(order)))
         return self._clock.now()
 
-    def send_actions(self, actions: list[Action]) -> None:
+    def send_actions(self, actions: list[AgvAction]) -> None:
         """Send instant actions.
 
         Raises:
@@ -225,9 +225,9 @@ class AgvLink:
             message
         )
 
-    def _actions_message(self, actions: list[Action]) -> Message:
+    def _actions_message(self, actions: list[AgvAction]) -> MqttMessage:
         message = InstantActions(**self._headers.next("instantActions"), actions=actions)
-        return Message(f"{self._prefix}/instantActions", encode(message))
+        return MqttMessage(f"{self._prefix}/instantActions", encode(message))
 
     # Stopping.
 

@@ -34,7 +34,7 @@ class Part(BaseModel):
         return self.model_dump(mode="json", by_alias=True, exclude_none=True)
 
 
-class Header(Part):
+class AgvHeader(Part):
     """The header of every message."""
 
     header_id: int
@@ -51,7 +51,7 @@ class ActionParameter(Part):
     value: Any = None
 
 
-class Action(Part):
+class AgvAction(Part):
     """An action of a node, of an edge, or an instant one."""
 
     action_type: str
@@ -83,7 +83,7 @@ class Node(Part):
     sequence_id: int
     released: bool
     node_position: NodePosition | None = None
-    actions: list[Action]
+    actions: list[AgvAction]
 
 
 class Edge(Part):
@@ -99,10 +99,10 @@ class Edge(Part):
     orientation: float | None = None
     orientation_type: str | None = None
     rotation_allowed: bool | None = None
-    actions: list[Action]
+    actions: list[AgvAction]
 
 
-class Order(Header):
+class Order(AgvHeader):
     """An order, or an update of it."""
 
     order_id: str
@@ -111,13 +111,13 @@ class Order(Header):
     edges: list[Edge]
 
 
-class InstantActions(Header):
+class InstantActions(AgvHeader):
     """Actions that are carried out at once."""
 
-    actions: list[Action]
+    actions: list[AgvAction]
 
 
-class Connection(Header):
+class Connection(AgvHeader):
     """Whether an AGV is connected: its own message, or its last will."""
 
     connection_state: Literal["ONLINE", "OFFLINE", "CONNECTIONBROKEN"]
@@ -170,7 +170,7 @@ class ActionState(Part):
 
 
 class Reference(Part):
-    """What an error is about."""
+    """The subject of an error."""
 
     reference_key: str
     reference_value: str
@@ -213,7 +213,7 @@ class SafetyState(Part):
     field_violation: bool
 
 
-class State(Header):
+class AgvState(AgvHeader):
     """The state of an AGV."""
 
     order_id: str
@@ -243,14 +243,19 @@ class State(Header):
         return next((one for one in self.action_states if one.action_id == action_id), None)
 
 
-class Visualization(Header):
+class Visualization(AgvHeader):
     """The pose of an AGV, more often than its state."""
 
     agv_position: AgvPosition | None = None
     velocity: Velocity | None = None
 
 
-_M = TypeVar("_M", bound=Header)
+def _name(kind: type[Part]) -> str:
+    """Return the standard's name of a message."""
+    return kind.__name__.removeprefix("Agv").lower()
+
+
+_M = TypeVar("_M", bound=AgvHeader)
 
 
 def decode(kind: type[_M], payload: bytes) -> _M:
@@ -265,7 +270,7 @@ def decode(kind: type[_M], payload: bytes) -> _M:
         first = error.errors(include_url=False, include_input=False)[0]
         where = ".".join(map(str, first["loc"]))
         problem = f"{where}: {first['msg']}" if where else first["msg"]
-        raise DataError(f"a message is no {kind.__name__.lower()} of VDA 5050: {problem[:_MOST_PROBLEM]}") from None
+        raise DataError(f"a message is no {_name(kind)} of VDA 5050: {problem[:_MOST_PROBLEM]}") from None
     if message.version.partition(".")[0] != _MAJOR:
         raise DataError(f"the other side speaks VDA 5050 {message.version[:20]}; this side speaks {VERSION}")
     return message

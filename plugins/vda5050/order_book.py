@@ -97,16 +97,9 @@ class OrderBook:
         if not nodes or len(edges) != len(nodes) - 1:
             return f"{len(nodes)} nodes and {len(edges)} edges: there must be one edge between two nodes"
         first = nodes[0].sequence_id
-        for number, node in enumerate(nodes):
-            if node.sequence_id != first + 2 * number:
-                return f"node {node.node_id} has sequenceId {node.sequence_id}, not {first + 2 * number}"
-            if node.node_position is None:
-                return f"node {node.node_id} has no nodePosition"
-            if node.node_position.map_id != self._map_id:
-                return f"node {node.node_id} is on map {node.node_position.map_id}; this is {self._map_id}"
-            unknown = {action.action_type for action in node.actions} - set(self._action_types)
-            if unknown:
-                return f"node {node.node_id} has unknown actions: {', '.join(sorted(unknown))}"
+        problems = (self._node_problem(node, first + 2 * number) for number, node in enumerate(nodes))
+        if (problem := next(filter(None, problems), None)) is not None:
+            return problem
         for number, edge in enumerate(edges):
             ends = nodes[number].node_id, nodes[number + 1].node_id
             if edge.sequence_id != first + 2 * number + 1 or (edge.start_node_id, edge.end_node_id) != ends:
@@ -117,6 +110,16 @@ class OrderBook:
         if not released[0] or released != sorted(released, reverse=True):
             return "released nodes and edges must come first"
         return None
+
+    def _node_problem(self, node: Node, sequence_id: int) -> str | None:
+        if node.sequence_id != sequence_id:
+            return f"node {node.node_id} has sequenceId {node.sequence_id}, not {sequence_id}"
+        if node.node_position is None:
+            return f"node {node.node_id} has no nodePosition"
+        if node.node_position.map_id != self._map_id:
+            return f"node {node.node_id} is on map {node.node_position.map_id}; this is {self._map_id}"
+        unknown = {action.action_type for action in node.actions} - set(self._action_types)
+        return f"node {node.node_id} has unknown actions: {', '.join(sorted(unknown))}" if unknown else None
 
     def next_node(self) -> Node | None:
         """Return the next node to drive to; None if none is released."""

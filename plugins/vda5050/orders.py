@@ -9,7 +9,7 @@ from typing import Final
 
 from eal_actors.plugin import ResourceFaultError, UnavailableError, wrapped_rad
 
-from .messages import Action, AgvPosition, Edge, Node, NodePosition, State
+from .messages import AgvAction, AgvPosition, AgvState, Edge, Node, NodePosition
 
 _REJECTIONS: Final = ("validationError", "orderError", "orderUpdateError", "noRouteError", "mapError")
 _ANYWHERE: Final = math.pi
@@ -19,7 +19,7 @@ _REVERSE_RAD: Final = 3.14159265359
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class OrderLimits:
     """How an order is to be driven.
 
     Attributes:
@@ -40,7 +40,7 @@ Place = tuple[float, float, float | None]
 
 
 def path(
-    order_id: str, start: AgvPosition, goals: Sequence[Place], map_id: str, limits: Limits
+    order_id: str, start: AgvPosition, goals: Sequence[Place], map_id: str, limits: OrderLimits
 ) -> tuple[list[Node], list[Edge]]:
     """Return the nodes and edges of an order from where the AGV is along some places."""
     places = [(start.x, start.y, start.theta), *goals]
@@ -63,7 +63,7 @@ def path(
     return nodes, edges
 
 
-def _node(order_id: str, number: int, place: Place, map_id: str, limits: Limits) -> Node:
+def _node(order_id: str, number: int, place: Place, map_id: str, limits: OrderLimits) -> Node:
     x_m, y_m, yaw_rad = place
     is_start = number == 0
     position = NodePosition(
@@ -85,9 +85,9 @@ def turn(start: AgvPosition, angle_rad: float) -> list[Place]:
     return [(start.x, start.y, wrapped_rad(start.theta + angle_rad * (n + 1) / count)) for n in range(count)]
 
 
-def instant(action_type: str, action_id: str) -> Action:
+def instant(action_type: str, action_id: str) -> AgvAction:
     """Return an instant action without parameters."""
-    return Action(action_type=action_type, action_id=action_id, blocking_type="HARD")
+    return AgvAction(action_type=action_type, action_id=action_id, blocking_type="HARD")
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +107,7 @@ class Standing:
     text: str = ""
 
 
-def standing(order_id: str, nodes: Sequence[Node], state: State) -> Standing:
+def standing(order_id: str, nodes: Sequence[Node], state: AgvState) -> Standing:
     """Return how far an order is, by a state that arrived after it was sent.
 
     Raises:
@@ -133,7 +133,7 @@ def standing(order_id: str, nodes: Sequence[Node], state: State) -> Standing:
     return Standing(True, is_done, max(0, len(nodes) - 1 - left), text or f"{left} nodes left")
 
 
-def why_not_automatic(state: State) -> str | None:
+def why_not_automatic(state: AgvState) -> str | None:
     """Return why the AGV takes no orders now; None if it does."""
     if state.safety_state.e_stop != "NONE":
         return f"the AGV's emergency stop is active ({state.safety_state.e_stop})"

@@ -9,7 +9,7 @@ from eal_actors.plugin import EALPlugin, PluginContext, PoseResource, Resource
 
 from .base import Base
 from .link import AgvLink
-from .resources import Actions, Battery, Factsheet, State
+from .resources import Actions, Battery, Factsheet, StateReport
 from .settings import Settings
 
 __all__ = ["Settings"]
@@ -18,7 +18,7 @@ _MAKERS: Final[dict[str, Callable[[PluginContext], Resource]]] = {
     "Base": lambda context: Base(context, context.plugin.link),
     "Pose": lambda context: PoseResource(context.localizer, context.clock),
     "Battery": lambda context: Battery(context.plugin.link),
-    "State": lambda context: State(context.plugin.link),
+    "State": lambda context: StateReport(context.plugin.link),
     "Actions": lambda context: Actions(context.plugin.link),
     "Factsheet": lambda context: Factsheet(context.plugin.link),
 }

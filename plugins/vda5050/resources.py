@@ -24,7 +24,7 @@ from eal_actors.plugin import (
 )
 
 from .link import AgvLink
-from .messages import Action
+from .messages import AgvAction
 
 _POLL_S: Final = 0.05
 _JSON: Final = ValueInfo(DataType.CHAR, description="JSON")
@@ -66,7 +66,7 @@ class Battery(AgvResource):
         return self._link.state().battery_state.charging
 
 
-class State(AgvResource):
+class StateReport(AgvResource):
     """The AGV's newest state, as a JSON object of the standard's fields."""
 
     types = ResourceType.SENSOR
@@ -90,7 +90,7 @@ class State(AgvResource):
 
 
 class Factsheet(AgvResource):
-    """What the AGV says of itself, as a JSON object; it is asked for when it is not known."""
+    """The AGV's own description, as a JSON object; it is asked for when it is not known."""
 
     types = ResourceType.SENSOR
     value = _JSON
@@ -162,9 +162,9 @@ def _fields(text: str) -> dict[str, Any]:
     return found
 
 
-def _action(fields: dict[str, Any]) -> Action:
+def _action(fields: dict[str, Any]) -> AgvAction:
     try:
-        return Action.model_validate({"actionId": uuid.uuid4().hex, "blockingType": "NONE", **fields})
+        return AgvAction.model_validate({"actionId": uuid.uuid4().hex, "blockingType": "NONE", **fields})
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
         raise ArgumentError(f"the action's {'.'.join(map(str, first['loc']))}: {first['msg']}") from None

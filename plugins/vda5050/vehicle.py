@@ -16,14 +16,15 @@ from typing import Any, Final
 from eal_actors import EALData, EALError, Future, RobotHandle
 from eal_actors.plugin import Clock, DataError, get_logger
 
-from ..mqtt.connection import Inbox, Message, MqttConnection
+from ..mqtt.connection import MqttConnection, MqttMessage, TopicInbox
 from ..mqtt.plugin import client_name
 from .factsheet import ACTIONS, factsheet
 from .messages import (
-    Action,
     ActionState,
+    AgvAction,
     AgvError,
     AgvPosition,
+    AgvState,
     BatteryState,
     Connection,
     Headers,
@@ -33,7 +34,6 @@ from .messages import (
     Part,
     Reference,
     SafetyState,
-    State,
     Visualization,
     decode,
     encode,
@@ -52,7 +52,7 @@ _UNKNOWN_CHARGE: Final = 80.0
 _DEPTH: Final = 16
 
 
-class Vehicle:
+class FleetVehicle:
     """One robot as an AGV.
 
     Args:
@@ -79,8 +79,8 @@ class Vehicle:
         self._is_greeted = False
         self._driving: Future[Any] | None = None
         self._goal: Node | None = None
-        self._working: tuple[Action, Future[Any]] | None = None
-        self._waiting: list[Action] = []
+        self._working: tuple[AgvAction, Future[Any]] | None = None
+        self._waiting: list[AgvAction] = []
         self._actions: dict[str, ActionState] = {}
         self._errors: list[AgvError] = []
         self._usual_m_s: float | None = None
@@ -125,7 +125,7 @@ class Vehicle:
 
     # Orders.
 
-    def _take(self, inbox: Inbox, kind: Any, use: Callable[[Any], None]) -> None:
+    def _take(self, inbox: TopicInbox, kind: Any, use: Callable[[Any], None]) -> None:
         while True:
             try:
                 received = inbox.take()
@@ -215,7 +215,7 @@ class Vehicle:
 
     # Actions.
 
-    def _begin_action(self, action: Action) -> None:
+    def _begin_action(self, action: AgvAction) -> None:
         wanted = action.parameters()
         try:
             resource, command = str(wanted["resource"]), str(wanted["command"])
@@ -243,7 +243,7 @@ class Vehicle:
 
     def _act(self, message: InstantActions) -> None:
         for action in message.actions:
-            known: Mapping[str, Callable[[Action], str | None]] = {
+            known: Mapping[str, Callable[[AgvAction], str | None]] = {
                 "cancelOrder": self._cancel,
                 "startPause": self._pause,
                 "stopPause": self._resume,
@@ -261,7 +261,7 @@ class Vehicle:
                 kind = "noOrderToCancel" if action.action_type == "cancelOrder" else "instantActionError"
                 self._report(kind, problem, actionId=action.action_id)
 
-    def _cancel(self, _: Action) -> str | None:
+    def _cancel(self, _: AgvAction) -> str | None:
         if not self._book.nodes and self._driving is None and self._working is None and not self._waiting:
             return "there is no order to cancel"
         self._stop()
@@ -272,22 +272,22 @@ class Vehicle:
         self._let_go()
         return None
 
-    def _pause(self, _: Action) -> None:
+    def _pause(self, _: AgvAction) -> None:
         self._is_paused = True
         if self._driving is not None:
             self._stop()
 
-    def _resume(self, _: Action) -> None:
+    def _resume(self, _: AgvAction) -> None:
         self._is_paused = False
 
-    def _init_position(self, action: Action) -> None:
+    def _init_position(self, action: AgvAction) -> None:
         wanted = action.parameters()
         pose = [float(wanted[name]) for name in ("x", "y", "theta")]
         if not all(map(math.isfinite, pose)) or wanted.get("mapId") != self._settings.map_id:
             raise ValueError(f"initPosition needs finite x, y, theta and the map {self._settings.map_id}")
         self._robot["Pose"].set_value(pose)
 
-    def _set_action(self, action: Action, status: Any, result: str | None = None) -> None:
+    def _set_action(self, action: AgvAction, status: Any, result: str | None = None) -> None:
         self._actions.pop(action.action_id, None)
         self._actions[action.action_id] = _state(action, status, result)
         over = [name for name, one in self._actions.items() if one.action_status in ("FINISHED", "FAILED")]
@@ -304,11 +304,11 @@ class Vehicle:
         self._log.warning("the vehicle reports an error", kind=kind, reason=description)
         self._state_due_s = 0.0
 
-    def _presence(self, state: Any) -> Message:
+    def _presence(self, state: Any) -> MqttMessage:
         message = Connection(**self._headers.next("connection"), connection_state=state)
-        return Message(f"{self._prefix}/connection", encode(message), qos=1, retain=True)
+        return MqttMessage(f"{self._prefix}/connection", encode(message), qos=1, retain=True)
 
-    def _greet(self) -> Message:
+    def _greet(self) -> MqttMessage:
         """Return the first message of a new connection. Thread: the client's."""
         self._is_greeted = False
         return self._presence("ONLINE")
@@ -335,7 +335,7 @@ class Vehicle:
             self._log.debug("a message is not published", reason=error.message)
 
     def _send(self, topic: str, message: Part, *, retain: bool = False) -> None:
-        self._connection.publish(Message(f"{self._prefix}/{topic}", encode(message), retain=retain))
+        self._connection.publish(MqttMessage(f"{self._prefix}/{topic}", encode(message), retain=retain))
 
     def _position(self) -> AgvPosition | None:
         if self._pose is None:
@@ -343,8 +343,8 @@ class Vehicle:
         x_m, y_m, theta = self._pose
         return AgvPosition(x=x_m, y=y_m, theta=theta, map_id=self._settings.map_id, position_initialized=True)
 
-    def _state(self) -> State:
-        return State(
+    def _state(self) -> AgvState:
+        return AgvState(
             **self._headers.next("state"),
             order_id=self._book.order_id,
             order_update_id=self._book.update_id,
@@ -364,7 +364,7 @@ class Vehicle:
         )
 
 
-def _state(action: Action, status: Any, result: str | None = None) -> ActionState:
+def _state(action: AgvAction, status: Any, result: str | None = None) -> ActionState:
     return ActionState(
         action_id=action.action_id,
         action_type=action.action_type,

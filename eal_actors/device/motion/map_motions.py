@@ -82,10 +82,20 @@ class MapMotions(Resource, ABC):
             ArgumentError: the goal is no [x_m, y_m] or [x_m, y_m, yaw_rad] of finite numbers, or too far away.
             UnsupportedError: the driver estimates no pose.
         """
+        numbers = self.goal_numbers(goal)
+        return self._drive([(numbers[0], numbers[1])], numbers[2] if len(numbers) > 2 else None)
+
+    @staticmethod
+    def goal_numbers(goal: Any) -> list[float]:
+        """Return the two or three numbers of a goal.
+
+        Raises:
+            ArgumentError: the goal is no [x_m, y_m] or [x_m, y_m, yaw_rad] of finite numbers.
+        """
         numbers = [float(number) for number in goal]
         if len(numbers) not in (2, 3) or not all(map(math.isfinite, numbers)):
             raise ArgumentError(f"goto needs finite numbers x_m, y_m and perhaps yaw_rad, not {numbers}")
-        return self._drive([(numbers[0], numbers[1])], numbers[2] if len(numbers) > 2 else None)
+        return numbers
 
     @command("follow", _PATH)
     def follow_path(self, path: Any) -> Activity:

@@ -12,7 +12,7 @@ from tests.recording.conftest import record_run
 from tests.unit.plugins.camera.rig import write_folder
 from tests.unit.plugins.tracker.pictures import DISTORTION, FLOOR, MATRIX, SIZE, Mark, draw
 
-ELSEWHERE = ("mqtt", "ros2", "vda5050")
+ELSEWHERE = ("mavlink", "mqtt", "ros2", "vda5050")
 """Plugins that need a robot of others: tests/unit/plugins/{ros2,vda5050}/test_conformance.py."""
 
 FOLDERS = sorted(

@@ -1,0 +1,1 @@
+"""Rovers and drones by MAVLink."""

@@ -1,0 +1,335 @@
+"""MavLink: the link to one vehicle: its newest messages, our heartbeat, set-points and commands.
+
+Our heartbeat goes out once a second while the link is open. An autopilot stops when it ceases, or when set-points cease
+(ArduPilot after 3 s, PX4 after a second): that is the dead-man of a program that is killed.
+
+Thread: any; a thread of its own reads the port.
+"""
+
+from __future__ import annotations
+
+import math
+import socket
+import threading
+from dataclasses import dataclass
+from typing import Any, Final
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from eal_actors.plugin import (
+    Activity,
+    BytePort,
+    EALError,
+    OdometryNoise,
+    PluginContext,
+    ReopeningPort,
+    ResourceFaultError,
+    UnavailableError,
+    get_logger,
+    open_serial,
+    open_tcp,
+    wrapped_rad,
+)
+
+from . import protocol
+from .settings import Settings
+
+_READ_S: Final = 0.01
+_HEARTBEAT_S: Final = 1.0
+_MOST_READS: Final = 50
+"""Reads in a turn of the thread, so that a flood does not keep our heartbeat back."""
+_RATE_US: Final = 50_000
+_TRIES: Final = 3
+_TRY_S: Final = 1.0
+_POLL_S: Final = 0.02
+_ACCEPTED: Final = 0
+_IN_PROGRESS: Final = 5
+_NOISE: Final = OdometryNoise(scale_share=1e-4, drift_rad_m=1e-4, turn_share=1e-4)
+"""The autopilot estimates its own pose."""
+
+
+class UdpListener:
+    """A BytePort that listens: it answers the last sender. Datagrams are read as bytes."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._socket.setblocking(False)
+            self._socket.bind((host, port))
+        except BaseException:
+            self._socket.close()
+            raise
+        self._peer: Any = None
+        self.in_waiting = 0
+
+    def read(self, size: int = 1) -> bytes:  # noqa: ARG002  # a datagram is read as a whole
+        """Return the next datagram; empty for none."""
+        try:
+            data, self._peer = self._socket.recvfrom(65536)
+        except (BlockingIOError, ConnectionRefusedError):
+            return b""
+        return data
+
+    def write(self, data: bytes) -> int:
+        """Send a datagram to the last sender; nobody has sent yet, it is dropped."""
+        try:
+            return 0 if self._peer is None else self._socket.sendto(data, self._peer)
+        except (BlockingIOError, ConnectionRefusedError):
+            return 0
+
+    def reset_input_buffer(self) -> None:
+        """Discard all received datagrams."""
+        while self.read():
+            pass
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleReading:
+    """Where the vehicle is, in the map.
+
+    Attributes:
+        x_m: position.
+        y_m: likewise.
+        altitude_m: above its start.
+        yaw_rad: heading; it counts turns.
+        speed_m_s: over ground.
+        turn_rate_rad_s: to the left.
+        stamp_s: by the fleet's clock.
+    """
+
+    x_m: float
+    y_m: float
+    altitude_m: float
+    yaw_rad: float
+    speed_m_s: float
+    turn_rate_rad_s: float
+    stamp_s: float
+
+    @property
+    def is_still(self) -> bool:
+        """Whether the vehicle stands."""
+        return self.speed_m_s < 0.03 and abs(self.turn_rate_rad_s) < 0.03
+
+
+class MavLink:
+    """The link to one vehicle.
+
+    Args:
+        context: of the plugin.
+        settings: of the plugin.
+    """
+
+    def __init__(self, context: PluginContext, settings: Settings) -> None:
+        self._settings = settings
+        self._clock = context.clock
+        self._localizer = context.localizer
+        self._log = get_logger(robot=context.robot)
+        self._port = ReopeningPort(lambda: _open(settings), context.clock, settings.port)
+        self._codec: Any = mavlink.MAVLink(None, settings.own_system_id, 190)
+        self._codec.robust_parsing = True
+        self._send_lock = threading.Lock()
+        self._newest: dict[str, tuple[Any, float]] = {}
+        self._acknowledged: dict[int, int] = {}
+        self._reading: VehicleReading | None = None
+        self._attitude: tuple[float, float] | None = None
+        self._is_asked = False
+        self._texts: list[str] = []
+        self._localizer.attach(_NOISE, not_ready=self.why_not_ready)
+        self._end = threading.Event()
+        self._port.open()
+        self._thread = threading.Thread(target=self._run, name=f"mavlink {context.robot}", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the link; our heartbeat ceases."""
+        self._end.set()
+        with self._clock.outside():
+            self._thread.join(1.0)
+        self._port.close()
+
+    # The thread.
+
+    def _run(self) -> None:
+        next_s, is_heard = 0.0, False
+        while not self._end.wait(_READ_S):
+            now_s = self._clock.now()
+            try:
+                if now_s >= next_s:  # first: broken bytes must not keep it back
+                    next_s = now_s + _HEARTBEAT_S
+                    self._send(self._codec.heartbeat_encode(protocol.GROUND_STATION, 8, 0, 0, 4))
+                    self._ask_for_rates()
+                for _ in range(_MOST_READS):
+                    data = self._port.read(4096)
+                    if not data:
+                        break
+                    for message in self._codec.parse_buffer(data) or ():
+                        self._take(message)
+                if not is_heard and "HEARTBEAT" in self._newest:  # before it, a datagram has no address to go to
+                    is_heard, next_s = True, 0.0
+            except EALError:  # the port is reopened
+                continue
+            except Exception:  # noqa: BLE001  # the thread is the dead-man: it must outlive every message
+                self._log.exception("a MAVLink message was not understood")
+
+    def _ask_for_rates(self) -> None:
+        if not self._is_asked and "HEARTBEAT" in self._newest:
+            self._is_asked = True
+            for number in (mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, mavlink.MAVLINK_MSG_ID_ATTITUDE):
+                self._send_command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, _RATE_US)
+
+    def _take(self, message: Any) -> None:
+        kind = message.get_type()
+        if kind == "BAD_DATA" or message.get_srcSystem() != self._settings.system_id:
+            return
+        fields = [value for value in message.to_dict().values() if isinstance(value, float)]
+        if kind in ("LOCAL_POSITION_NED", "ATTITUDE") and not all(map(math.isfinite, fields)):
+            self._log_once(f"a {kind} that is not finite is ignored")
+            return
+        now_s = self._clock.now()
+        if kind == "COMMAND_ACK":
+            self._acknowledged[message.command] = message.result
+        elif kind == "STATUSTEXT":
+            self._log.info("the autopilot says", text=message.text)
+        elif kind == "ATTITUDE":
+            self._attitude = message.yaw, message.yawspeed
+        elif kind == "LOCAL_POSITION_NED" and self._attitude is not None:
+            self._follow(message, *self._attitude, now_s)
+        self._newest[kind] = message, now_s
+
+    def _log_once(self, text: str) -> None:
+        if text not in self._texts:
+            self._texts.append(text)
+            self._log.warning(text)
+
+    def _follow(self, message: Any, heading_rad: float, yawspeed: float, now_s: float) -> None:
+        x_m, y_m, yaw_rad = protocol.map_pose(message.x, message.y, heading_rad)
+        before = self._reading
+        if before is None:
+            self._localizer.begin_at(x_m, y_m, yaw_rad)
+        turned = yaw_rad if before is None else before.yaw_rad + wrapped_rad(yaw_rad - before.yaw_rad)
+        speed = math.hypot(message.vx, message.vy)
+        self._reading = VehicleReading(x_m, y_m, -message.z, turned, speed, -yawspeed, now_s)
+        self._localizer.odometry(x_m, y_m, yaw_rad, now_s)
+
+    # What the vehicle says.
+
+    def newest(self, kind: str) -> Any:
+        """Return the newest message of a kind.
+
+        Raises:
+            UnavailableError: there is none, or the vehicle is silent.
+        """
+        if (problem := self.why_not_ready()) is not None:
+            raise UnavailableError(problem)
+        if kind not in self._newest:
+            raise UnavailableError(f"the vehicle has sent no {kind}")
+        return self._newest[kind][0]
+
+    def why_not_ready(self) -> str | None:
+        """Return why the vehicle cannot be reached now."""
+        if (problem := self._port.why_not_ready()) is not None:
+            return problem
+        system, now_s = self._settings.system_id, self._clock.now()
+        for kind in ("HEARTBEAT", "LOCAL_POSITION_NED"):
+            if kind not in self._newest:
+                return f"system {system} has sent no {kind} at {self._settings.port}"
+            age_s = now_s - self._newest[kind][1]
+            if age_s > self._settings.timeout_s:
+                return f"system {system} has sent no {kind} for {age_s:.1f} s"
+        return None if self._reading is not None else f"system {system} has sent no ATTITUDE"
+
+    def reading(self) -> VehicleReading:
+        """Return where the vehicle is.
+
+        Raises:
+            UnavailableError: it is silent.
+        """
+        problem = self.why_not_ready()
+        if problem is not None or self._reading is None:
+            raise UnavailableError(problem or "no position has arrived")
+        return self._reading
+
+    def is_armed(self) -> bool:
+        """Return whether the motors are armed. Raises what `newest` raises."""
+        return bool(self.newest("HEARTBEAT").base_mode & protocol.ARMED)
+
+    def mode(self) -> str:
+        """Return the mode's name. Raises what `newest` raises."""
+        heartbeat = self.newest("HEARTBEAT")
+        return protocol.mode_name(heartbeat.autopilot, self._settings.vehicle, heartbeat.custom_mode)
+
+    def autopilot(self) -> int:
+        """Return the number of the autopilot's make. Raises what `newest` raises."""
+        found: int = self.newest("HEARTBEAT").autopilot
+        return found
+
+    # What is said to it.
+
+    def _send(self, message: Any) -> None:
+        with self._send_lock:
+            self._port.write(message.pack(self._codec))
+            self._codec.seq = (self._codec.seq + 1) % 256
+
+    def send_velocity(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
+        """Send a velocity ahead and a turn rate to the left.
+
+        Raises:
+            UnavailableError: the link is down.
+        """
+        self._set_point(protocol.BODY_NED, protocol.VELOCITY_MASK, (0.0, 0.0, 0.0), speed_m_s, 0.0, -turn_rate_rad_s)
+
+    def send_position(self, x_m: float, y_m: float, altitude_m: float, yaw_rad: float | None) -> None:
+        """Send a place in the map to drive or fly to.
+
+        Raises:
+            UnavailableError: the link is down.
+        """
+        mask = protocol.POSITION_MASK if yaw_rad is None else protocol.POSE_MASK
+        heading = 0.0 if yaw_rad is None else protocol.heading_rad(yaw_rad)
+        self._set_point(protocol.LOCAL_NED, mask, (y_m, x_m, -altitude_m), 0.0, heading, 0.0)
+
+    def _set_point(
+        self, frame: int, mask: int, place: tuple[float, float, float], vx: float, yaw: float, yaw_rate: float
+    ) -> None:
+        system, time_ms = self._settings.system_id, int(self._clock.now() * 1000) & 0xFFFFFFFF
+        message = self._codec.set_position_target_local_ned_encode(
+            time_ms, system, 1, frame, mask, *place, vx, 0.0, 0.0, 0.0, 0.0, 0.0, yaw, yaw_rate
+        )
+        self._send(message)
+
+    def _send_command(self, number: int, *parameters: float) -> None:
+        filled = [*map(float, parameters), *[0.0] * (7 - len(parameters))]
+        self._send(self._codec.command_long_encode(self._settings.system_id, 1, number, 0, *filled))
+
+    def command(self, what: str, number: int, *parameters: float) -> Activity:
+        """Send a command until it is acknowledged.
+
+        Raises:
+            ResourceFaultError: the autopilot refuses it.
+            UnavailableError: it does not answer.
+        """
+        for _ in range(_TRIES):
+            self._acknowledged.pop(number, None)
+            self._send_command(number, *parameters)
+            end_s = self._clock.now() + _TRY_S
+            while self._clock.now() < end_s:
+                result = self._acknowledged.get(number)
+                if result == _ACCEPTED:
+                    return
+                if result is not None and result != _IN_PROGRESS:
+                    name = mavlink.enums["MAV_RESULT"][result].name if result in mavlink.enums["MAV_RESULT"] else result
+                    raise ResourceFaultError(f"the autopilot refuses to {what}: {name}")
+                yield _POLL_S
+        raise UnavailableError(f"the autopilot does not answer the command to {what}")
+
+
+def _open(settings: Settings) -> BytePort:
+    scheme, separator, rest = settings.port.partition("://")
+    if not separator:
+        return open_serial(settings.port, baudrate=settings.baud)
+    host, _, port = rest.rpartition(":")
+    return UdpListener(host, int(port)) if scheme == "udp" else open_tcp(host, int(port))

@@ -1,0 +1,155 @@
+"""The other end: a vehicle made with pymavlink's own server side, which behaves as ArduPilot documents.
+
+It takes set-points in GUIDED when armed, stops when velocities cease for a second, holds when the ground station's
+heartbeat ceases for five, and answers commands. Its motion is exact: the true path is its own.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from typing import Any
+
+from pymavlink import mavutil
+from pymavlink.dialects.v20 import common as mavlink
+
+from eal_actors.kernel.clock import REAL_TIME
+
+TICK_S = 0.02
+SET_POINT_S = 1.0
+STATION_S = 5.0
+MODES = {"rover": (10, 15, 4), "copter": (2, 4, 17)}
+"""MAV_TYPE, GUIDED and the mode in which it holds."""
+
+
+class Vehicle:
+    """A rover or copter at the other end of a UDP port.
+
+    Args:
+        port: where the ground station listens.
+        kind: rover or copter.
+        pose: x east, y north in m, yaw counter-clockwise from east.
+        speed_m_s: at which it goes to positions.
+    """
+
+    def __init__(
+        self, port: int, kind: str = "rover", pose: tuple[float, float, float] = (0.0, 0.0, 0.0), speed_m_s: float = 1.0
+    ) -> None:
+        self.wire: Any = mavutil.mavlink_connection(
+            f"udpout:127.0.0.1:{port}", source_system=1, source_component=1, dialect="common"
+        )
+        self.type, self._guided, self._hold = MODES[kind]
+        self.pose, self.altitude_m = pose, 0.0
+        self.path = [pose[:2]]
+        self.speed_m_s = speed_m_s
+        self.mode = self._hold
+        self.is_armed = False
+        self.twist = (0.0, 0.0)
+        self.goal: tuple[float, float, float, float | None] | None = None
+        self.set_points = 0
+        self.refuses: set[int] = set()
+        self.is_mute = False
+        self._set_point_s = self._station_s = -math.inf
+        self._vertical_m: float | None = None
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def __enter__(self) -> Vehicle:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end.set()
+        self._thread.join()
+        self.wire.close()
+
+    def say(self, data: bytes) -> None:
+        """Send bytes as they are."""
+        self.wire.write(data)
+
+    def _run(self) -> None:
+        beat_s = 0.0
+        while not self._end.wait(TICK_S):
+            now_s = REAL_TIME.now()
+            while (message := self.wire.recv_match(blocking=False)) is not None:
+                self._take(message, now_s)
+            self._move(now_s)
+            if self.is_mute:
+                continue
+            if now_s >= beat_s:
+                beat_s = now_s + 0.5
+                self.heartbeat()
+                self.wire.mav.sys_status_send(0, 0, 0, 0, 12100, -1, 75, 0, 0, 0, 0, 0, 0)
+            self.report(int(now_s * 1000) & 0xFFFFFFFF)
+
+    def heartbeat(self) -> None:
+        mode = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (mavlink.MAV_MODE_FLAG_SAFETY_ARMED if self.is_armed else 0)
+        self.wire.mav.heartbeat_send(self.type, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, mode, self.mode, 4)
+
+    def report(self, time_ms: int) -> None:
+        x, y, yaw = self.pose
+        speed, rate = self.twist
+        heading = math.pi / 2 - yaw
+        self.wire.mav.attitude_send(time_ms, 0, 0, math.remainder(heading, math.tau), 0, 0, -rate)
+        north, east = speed * math.cos(heading), speed * math.sin(heading)
+        self.wire.mav.local_position_ned_send(time_ms, y, x, -self.altitude_m, north, east, 0)
+
+    def _take(self, message: Any, now_s: float) -> None:
+        kind = message.get_type()
+        if kind == "HEARTBEAT":
+            self._station_s = now_s
+        elif kind == "COMMAND_LONG" and message.target_system == 1:
+            self._command(message, message.get_srcSystem(), message.get_srcComponent())
+        elif kind == "SET_POSITION_TARGET_LOCAL_NED" and self.is_armed and self.mode == self._guided:
+            self._set_point_s, self.set_points = now_s, self.set_points + 1
+            if message.type_mask & 7:
+                assert message.coordinate_frame == mavlink.MAV_FRAME_BODY_NED
+                self.twist, self.goal = (message.vx, -message.yaw_rate), None
+            else:
+                assert message.coordinate_frame == mavlink.MAV_FRAME_LOCAL_NED
+                yaw = None if message.type_mask & 1024 else math.pi / 2 - message.yaw
+                self.goal = message.y, message.x, -message.z, yaw
+
+    def _command(self, message: Any, system: int, component: int) -> None:
+        number, result = message.command, mavlink.MAV_RESULT_ACCEPTED
+        if number in self.refuses:
+            result = mavlink.MAV_RESULT_DENIED
+        elif number == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
+            self.is_armed = message.param1 == 1
+        elif number == mavlink.MAV_CMD_DO_SET_MODE:
+            self.mode = int(message.param2)
+        elif number == mavlink.MAV_CMD_NAV_TAKEOFF:
+            self._vertical_m = message.param7
+        elif number == mavlink.MAV_CMD_NAV_LAND:
+            self._vertical_m = 0.0
+        elif number != mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
+            result = mavlink.MAV_RESULT_UNSUPPORTED
+        self.wire.mav.command_ack_send(number, result, 0, 0, system, component)
+        self.heartbeat()
+
+    def _move(self, now_s: float) -> None:
+        if now_s - self._station_s > STATION_S and self.mode == self._guided:
+            self.mode = self._hold
+        if now_s - self._set_point_s > SET_POINT_S or self.mode != self._guided or not self.is_armed:
+            self.twist, self.goal = (0.0, 0.0), None
+        if self._vertical_m is not None:
+            left = self._vertical_m - self.altitude_m
+            self.altitude_m += max(-0.05, min(0.05, left))
+            if abs(left) < 1e-6 and self._vertical_m == 0.0:
+                self.is_armed, self._vertical_m = False, None
+        if self.goal is not None:
+            self._approach(*self.goal)
+        x, y, yaw = self.pose
+        speed, rate = self.twist
+        middle = yaw + rate * TICK_S / 2
+        self.pose = x + speed * math.cos(middle) * TICK_S, y + speed * math.sin(middle) * TICK_S, yaw + rate * TICK_S
+        self.path.append(self.pose[:2])
+
+    def _approach(self, x: float, y: float, _: float, yaw: float | None) -> None:
+        """Turn to the goal, drive there, and turn to its yaw."""
+        way = math.dist(self.pose[:2], (x, y))
+        wanted = yaw if way < 0.02 else math.atan2(y - self.pose[1], x - self.pose[0])
+        left = 0.0 if wanted is None else math.remainder(wanted - self.pose[2], math.tau)
+        rate = max(-2.0, min(2.0, left / TICK_S))
+        is_ahead = way >= 0.02 and abs(left) < 0.05
+        self.twist = (min(self.speed_m_s, way / TICK_S) if is_ahead else 0.0), rate
