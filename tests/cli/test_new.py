@@ -88,6 +88,6 @@ def test_a_person_is_asked_two_questions(here: Path) -> None:
     _, questions = asked.communicate(timeout=120)
     os.close(controller)
     assert asked.returncode == 0, questions
-    assert b"Type of the robots (evbot2, evbot3, roomba, mavlink, ros2, vda5050) [evbot2]:" in questions
+    assert b"Type of the robots (evbot2, evbot3, mavlink, roomba, ros2, vda5050) [evbot2]:" in questions
     assert b"How many robots [3]:" in questions
     assert len(EALConfigManager.load(here / "fleet.yaml").fleet.robots) == 2
