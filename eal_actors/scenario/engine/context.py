@@ -247,9 +247,10 @@ class RunContext:
     def wait(self, context: ExecutionContext, future: Future[Any]) -> Coroutine:
         """Wait for a future; it is cancelled when the run, the task or the robot is stopped."""
         robot = context.robot
-        holders = [self._pending, context.task.pending, *([robot.pending] if robot is not None else [])]
+        holders: list[dict[Future[Any], Any]] = [self._pending, context.task.pending]
+        holders += [robot.pending] if robot is not None else []
         for pending in holders:
-            pending[future] = None
+            pending[future] = context.lost_after_s
         if self.is_stopping or context.task.is_stopped:
             future.cancel()
         try:

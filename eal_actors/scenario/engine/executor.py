@@ -108,7 +108,7 @@ def perform_steps(run: RunContext, steps: Sequence[Step], path: str, context: Ex
         if run.losses is not None and run.losses.skips(context, step):
             run.losses.record_skip(context, step, f"{path}[{index}]")
         else:
-            yield from step.perform(run, context, f"{path}[{index}]")
+            yield from step.perform(run, context.of(step), f"{path}[{index}]")
 
 
 def perform_step(

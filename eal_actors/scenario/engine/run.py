@@ -257,7 +257,7 @@ class Run:
             if not run.may_begin(context):
                 return
             self._next_step = index
-            yield from steps[index].perform(run, context, f"steps[{index}]")
+            yield from steps[index].perform(run, context.of(steps[index]), f"steps[{index}]")
             if not run.is_stopping:
                 self._next_step = index + 1
                 self._keep_checkpoint(index + 1)

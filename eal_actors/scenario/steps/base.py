@@ -12,7 +12,7 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Seq
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, ClassVar, TypeAlias
 
-from pydantic import Field
+from pydantic import Field, NonNegativeFloat
 from typing_extensions import override
 
 from eal_actors.kernel.errors import Problem
@@ -66,6 +66,9 @@ class Step(StrictModel):
 
     safe_to_repeat: bool | None = None
     """For steps of the top level: a resumed run may repeat the step; defaults to that of the file."""
+    lost_after_s: NonNegativeFloat | None = None
+    """Time out of reach after which the step of a robot fails, in seconds of the fleet's clock; also for the steps
+    inside; defaults to that of the block around it, or of the file."""
 
     # Structure.
 
@@ -76,6 +79,11 @@ class Step(StrictModel):
     @property
     def part_file(self) -> str | None:
         """The file of the scenario that the step runs, relative to its own."""
+        return None
+
+    @property
+    def own_role(self) -> str | None:
+        """The role whose robots perform the steps inside."""
         return None
 
     @property
@@ -131,6 +139,8 @@ class Step(StrictModel):
         """Check the step against its surroundings, and then the steps inside it."""
         if self.safe_to_repeat is not None and not (scope.is_top and path[0] == "steps"):
             check.report((*path, "safe_to_repeat"), "is allowed only for steps of the top level", key=True)
+        if self.lost_after_s is not None and scope.role is None and not self.children() and self.part_file is None:
+            check.report((*path, "lost_after_s"), "has no effect: the step is outside of 'on'", key=True)
         self.check_placement(check, path, scope)
         self.check_values(check, path, scope)
         inside = self.scope_inside(check, scope)
@@ -252,11 +262,6 @@ class FallibleStep(Step):
 
     on_failure: OnFailure | None = None
     """The policy if it fails; defaults to that of the block around it, of the role or of the file."""
-
-    @property
-    def own_role(self) -> str | None:
-        """The role whose robots perform the steps inside."""
-        return None
 
     def check_placement(self, check: ScopeCheck, path: YamlPath, scope: Scope) -> None:
         """Check the failure policy."""
