@@ -91,21 +91,22 @@ class ScenarioFile(StrictModel):
     """The policy when a robot is lost; defaults to `on_failure`."""
     lost_after_s: NonNegativeFloat | None = None
     """Time out of reach after which a robot's step fails, in seconds of the fleet's clock; defaults to the fleet's."""
-    safe_to_repeat: bool = False
-    """A resumed run may repeat the step at which it was interrupted."""
+    safe_to_repeat: bool | None = None
+    """A resumed run repeats the step of the top level at which it was interrupted, from its beginning; with `false` it
+    refuses to. By default it continues inside that step, if the steps that were under way do no harm when repeated."""
     steps: Steps
     finally_: Annotated[tuple[AnyStep, ...], Field(strict=False)] = Field(default=(), alias="finally")
     """Steps for the end, whatever happened before. All robots take part, and a failure stops none of them."""
 
-    def is_safe(self, index: int) -> bool:
-        """Return whether a top-level step may be repeated."""
+    def is_safe(self, index: int) -> bool | None:
+        """Return whether a top-level step may be repeated from its beginning; None if its own steps decide."""
         own = self.steps[index].safe_to_repeat
         return self.safe_to_repeat if own is None else own
 
     @property
     def keeps_checkpoints(self) -> bool:
         """Whether a run of the scenario can be resumed after an interruption."""
-        return any(self.is_safe(index) for index in range(len(self.steps)))
+        return any(self.is_safe(index) is not False for index in range(len(self.steps)))
 
     def walk(self) -> Iterator[tuple[YamlPath, Step]]:
         """Yield all steps with their paths, each before the steps inside it."""

@@ -34,8 +34,10 @@ from eal_actors.scenario.language.values import (
 from eal_actors.scenario.steps.wording import short_number, show_value
 
 if TYPE_CHECKING:  # the scenario's model consists of steps
+    from eal_actors.device.info import ResourceInfo
     from eal_actors.scenario.engine.context import RunContext
     from eal_actors.scenario.engine.frames import ExecutionContext, Frame
+    from eal_actors.scenario.engine.plan import Plan
     from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
     from eal_actors.scenario.language.scenario import Scenario
     from eal_actors.scenario.language.scope import Scope, ScopeCheck
@@ -90,6 +92,16 @@ class Step(StrictModel):
     def saves_files(self) -> bool:
         """Whether the step itself writes into the run's folder."""
         return False
+
+    def may_repeat(self, plan: Plan, info: ResourceInfo | None, command: str | None) -> bool:
+        """Return whether performing the step again, after it was interrupted, leads to the same state as once.
+
+        Args:
+            plan: of the run.
+            info: the description of the resource that it calls, if there is one.
+            command: the text argument of its call.
+        """
+        return not self.children()
 
     def given_signals(self) -> Iterable[str]:
         """Return the signals that the step itself gives."""
@@ -256,9 +268,11 @@ class FallibleStep(Step):
 
     Attributes:
         is_instant: it takes no time, so that only its failure is recorded.
+        meets_again: a resumed run performs it again although it was over.
     """
 
     is_instant: ClassVar[bool] = False
+    meets_again: ClassVar[bool] = False
 
     on_failure: OnFailure | None = None
     """The policy if it fails; defaults to that of the block around it, of the role or of the file."""
@@ -297,7 +311,7 @@ class FallibleStep(Step):
     @override
     def perform(self, run: RunContext, context: ExecutionContext, path: str) -> Coroutine:
         make = partial(StepAction, run, context, self.label, self.attempt)
-        return perform_step(run, context, self, path, make, is_quiet=self.is_instant)
+        yield from perform_step(run, context, self, path, make, is_quiet=self.is_instant)
 
 
 class LimitedStep(FallibleStep):
