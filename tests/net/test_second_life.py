@@ -139,8 +139,8 @@ def live(folder: Path, kills: int, seed: int) -> Tally:
 def test_no_command_is_carried_out_twice_or_late(kills: int, tmp_path: Path) -> None:
     """Runs that ended inside an `on` were refused, or repeated all of it."""
     seed = random.SystemRandom().randrange(1000)
-    print(f"seed {seed}")
+    print(f"seed {seed}")  # noqa: T201  # shown on failure
     tally = live(tmp_path, kills, seed)
-    print(tally)
+    print(tally)  # noqa: T201  # shown with -rP
     assert (tally.repeated, tally.late) == (0, 0)
     assert tally.done > 0

@@ -253,7 +253,7 @@ class Run:
         yield from ()
 
     def _keep_checkpoint(self, next_step: int) -> None:
-        if self._file.keeps_checkpoints:
+        if self._directory is not None and self._file.keeps_checkpoints:
             self._emit(partial(checkpoints.make_checkpoint, self._run, next_step))
 
     def _perform_steps(self) -> Coroutine:
