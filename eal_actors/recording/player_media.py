@@ -1,4 +1,4 @@
-"""What the record of a run adds to its player: the robots' hulls, plots of values, and camera frames."""
+"""Hulls of robots, plots of values and camera frames for the player of a run, read from its record."""
 
 from __future__ import annotations
 

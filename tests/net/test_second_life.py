@@ -62,7 +62,7 @@ with ready(Fleet(EALConfigManager.load(fleet_file).fleet)) as fleet:
 
 @dataclass
 class Tally:
-    """What happened.
+    """Counts of kills and of their consequences.
 
     Attributes:
         kills: the controllers that were killed during their run.

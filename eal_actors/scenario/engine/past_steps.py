@@ -43,7 +43,7 @@ class PastStep:
 
 @dataclass
 class PastSteps:
-    """What the record says about a block that was interrupted.
+    """The entries of the record about a block that was interrupted.
 
     Attributes:
         ended: the steps that were over, in their order.
