@@ -89,10 +89,10 @@ def browser() -> Iterator[Browser]:
 def test_search_finds_what_the_reader_calls_it(site: Path, browser: Browser) -> None:
     page = browser.new_page()
     for words, wanted in (
-        ("joystick", "driving-by-hand"),
+        ("joystick", "dashboard"),
         ("robot_not_found", "troubleshooting"),
         ("deadline", "troubleshooting"),
-        ("kill switch", "safety"),
+        ("emergency stop", "safety"),
     ):
         page.goto(f"file://{site}/search.html?q={words}")
         page.wait_for_selector("#search-results li")
@@ -105,9 +105,8 @@ def test_search_finds_what_the_reader_calls_it(site: Path, browser: Browser) -> 
 
 def test_blocks_have_copy_buttons_that_leave_prompts_out(site: Path, browser: Browser) -> None:
     page = browser.new_page()
-    page.add_init_script(
-        'document.execCommand = () => { window.copied = String(getSelection() || "") || document.activeElement.value; return true }'
-    )
+    copy = 'window.copied = String(getSelection() || "") || document.activeElement.value'
+    page.add_init_script(f"document.execCommand = () => {{ {copy}; return true }}")
     page.goto(f"file://{site}/docs/index.html")
     page.locator("button.copybtn").first.click(force=True)
     assert page.evaluate("window.copied").splitlines()[-1] == "eal run ballet --fleet formation --film --show"
