@@ -44,7 +44,7 @@ _LONGEST: Final = 80
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """What a package says about itself.
+    """The origin of a package, as its own files state it.
 
     Attributes:
         source: the name of its source package.

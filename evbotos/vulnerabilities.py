@@ -26,7 +26,7 @@ UNIMPORTANT: Final = "unimportant"
 
 @dataclass(frozen=True, slots=True, order=True)
 class Component:
-    """What an image contains.
+    """A package of an image.
 
     Attributes:
         name: of the package.

@@ -10,6 +10,7 @@ import ctypes
 import os
 import pwd
 import shutil
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -28,7 +29,7 @@ _NO_NEW_PRIVILEGES: Final = 38
 
 @dataclass(frozen=True)
 class Own:
-    """What the robot needs that only root may open or find.
+    """The files that root has found and opened for the robot.
 
     Attributes:
         source: the fleet file as the user knows it.
@@ -87,24 +88,11 @@ def copy_files(source: Path, target: Path) -> None:
         source: the folder of the fleet file.
         target: the copy. Its lists of revoked certificates are kept as long as the fleet's authority is the same.
     """
-    wanted = {path.relative_to(source): path for path in sorted(source.rglob("*")) if path.is_file()}
-    contents = {name: path.read_bytes() for name, path in wanted.items() if name.name not in _SECRETS}
-    for kept in target.rglob(_REVOKED):
-        name = kept.relative_to(target)
-        authority, revoked = name.with_name(_AUTHORITY), _content(kept)
-        is_same = authority in contents and _content(target / authority) == contents[authority]
-        if is_same and revoked is not None:
-            lines = {*revoked.splitlines(), *contents.get(name, b"").splitlines()}
-            contents[name] = b"".join(line + b"\n" for line in sorted(lines))
-    folders = {parent for name in contents for parent in name.parents}
+    paths = [path for path in source.rglob("*") if path.is_file() and path.name not in _SECRETS]
+    contents = {path.relative_to(source): path.read_bytes() for path in paths}
+    contents |= _revoked_lists(target, contents)
     target.mkdir(mode=0o700, exist_ok=True)
-    for path in sorted(target.rglob("*"), reverse=True):
-        name = path.relative_to(target)
-        if path.is_dir() and not path.is_symlink():
-            if name not in folders:
-                shutil.rmtree(path)
-        elif path.is_symlink() or name not in contents:
-            path.unlink()
+    _remove_others(target, contents)
     for name, content in contents.items():
         place = target / name
         if _content(place) != content:
@@ -113,6 +101,30 @@ def copy_files(source: Path, target: Path) -> None:
             part.write_bytes(content)
             part.chmod(0o600)
             part.replace(place)
+
+
+def _revoked_lists(target: Path, contents: Mapping[Path, bytes]) -> dict[Path, bytes]:
+    """Return the lists of revoked certificates that the robot has kept, joined with the new ones."""
+    found = {}
+    for kept in target.rglob(_REVOKED):
+        name = kept.relative_to(target)
+        authority, revoked = name.with_name(_AUTHORITY), _content(kept)
+        if revoked is not None and authority in contents and _content(target / authority) == contents[authority]:
+            lines = {*revoked.splitlines(), *contents.get(name, b"").splitlines()}
+            found[name] = b"".join(line + b"\n" for line in sorted(lines))
+    return found
+
+
+def _remove_others(target: Path, contents: Collection[Path]) -> None:
+    """Remove every link, and the files and folders that are not wanted."""
+    folders = {parent for name in contents for parent in name.parents}
+    for path in sorted(target.rglob("*"), reverse=True):
+        name = path.relative_to(target)
+        if path.is_dir() and not path.is_symlink():
+            if name not in folders:
+                shutil.rmtree(path)
+        elif path.is_symlink() or name not in contents:
+            path.unlink()
 
 
 def _content(path: Path) -> bytes | None:
