@@ -32,7 +32,7 @@ _REQUESTED: Final = (
     packets.LEFT_COUNTS,
     packets.RIGHT_COUNTS,
 )
-"""What is streamed; a frame takes 4 of the 15 ms.
+"""Numbers of the streamed packets and groups; a frame takes 4 of the 15 ms.
 
 The contacts come as a group: the number of their first packet is the op code of Reset, which the Roomba obeys if a byte
 before it is lost.
