@@ -42,6 +42,8 @@ _COMMANDS: Final = {
     "serve": "serve:serve_robot",
     "bridge": "bridge:bridge_fleet",
     "dashboard": "dashboard:show_dashboard",
+    "mcp": "mcp:serve_agents",
+    "approve": "mcp:approve_plan",
     "audit": "audit:show_audit",
     "top": "top:show_top",
     "ping": "ping:ping_robots",
