@@ -176,7 +176,7 @@ class PredictedWheels:
         if variant.is_deaf:
             targets_m_s = [targets_m_s[0], *targets_m_s[:-1]]
         for target_m_s, end_s in zip(targets_m_s, [*ends_s[1:], until_s], strict=True):
-            duration_s = (end_s if end_s < until_s else until_s) - at_s
+            duration_s = (min(until_s, end_s)) - at_s
             if duration_s <= 0:
                 continue
             lack_m_s = target_m_s - speed_m_s
