@@ -133,10 +133,10 @@ def test_a_real_input_device_of_uinput(fleet: Fleet) -> None:
     import evdev
 
     stick = evdev.AbsInfo(value=128, min=0, max=255, fuzz=0, flat=0, resolution=0)
-    abilities = {evdev.ecodes.EV_KEY: [0x130, BTN_TR], evdev.ecodes.EV_ABS: [(0, stick), (1, stick)]}
+    abilities: dict[int, Any] = {evdev.ecodes.EV_KEY: [0x130, BTN_TR], evdev.ecodes.EV_ABS: [(0, stick), (1, stick)]}
     base = resource_of(fleet, "one", "Base")
     with evdev.UInput(abilities, name="EAL gamepad") as device:
-        source = find_input(Path(device.device.path))
+        source = find_input(Path(str(device.device.path)))
         failed: list[EALError] = []
 
         def run() -> None:
