@@ -52,7 +52,8 @@ def bill_of_materials(
     for package in (*lock.packages, *loaders):
         if package.name not in left_out:
             bom.components.add(_debian(package, origins.get(package.name), place))
-    for wheel in (*lock.wheels, *lock.compiled):
+    wheels: tuple[LockedWheel | LockedSource, ...] = (*lock.wheels, *lock.compiled)
+    for wheel in wheels:
         bom.components.add(_wheel(wheel, origins.get(canonicalize_name(wheel.name))))
     bom.register_dependency(this, bom.components)
     return JsonV1Dot5(bom).output_as_string(indent=2) + "\n"
