@@ -42,6 +42,7 @@ _COMMANDS: Final = {
     "serve": "serve:serve_robot",
     "bridge": "bridge:bridge_fleet",
     "dashboard": "dashboard:show_dashboard",
+    "drive": "drive:drive_robots",
     "mcp": "mcp:serve_agents",
     "approve": "mcp:approve_plan",
     "audit": "audit:show_audit",

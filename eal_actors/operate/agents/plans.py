@@ -44,7 +44,7 @@ class _Record(BaseModel):
 
 
 class Decision(_Record):
-    """What was decided about a plan.
+    """The decision about a plan.
 
     Attributes:
         hash: that of the plan.

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.errors import AccessDeniedError, ArgumentError, ConfigError, EALError, ScenarioError
 from eal_actors.operate.agents import PlanGate, PlanStore, StoredPlan
 from eal_actors.operate.agents.examination import dry_run, read_plan
@@ -130,6 +131,12 @@ NOT_ALLOWED = (
     ("wait_s: 0.1", "set_config: {resource: Base, key: speed_m_s, value: 0.1}", "set_config"),
     ("angle * turn", "10 + 0 * value('Odometry')[0]", "known only during the run"),
 )
+
+
+def test_the_policy_of_the_page_is_valid(tmp_path: Path) -> None:
+    page = bundled_path("docs/agents.md").read_text(encoding="utf-8")
+    (tmp_path / "policy.yaml").write_text(page.partition("```yaml\n")[2].partition("```")[0], encoding="utf-8")
+    assert load_policy(tmp_path / "policy.yaml")
 
 
 def test_a_policy_allows_only_what_it_names(fleet: Fleet, tmp_path: Path) -> None:
