@@ -55,4 +55,4 @@ def test_the_programs_of_the_readme(text: str, installed: Installed, tmp_path: P
 @pytest.mark.parametrize("page", TUTORIALS, ids=lambda page: page.stem)
 def test_a_tutorial(page: Path, installed: Installed, tmp_path: Path) -> None:
     with emulated_create() as port:
-        sys.stdout.write(do(page, tmp_path, **variables(installed), ROOMBA_PORT=port))
+        sys.stdout.write(do(page, tmp_path, slow=False, **variables(installed), ROOMBA_PORT=port))

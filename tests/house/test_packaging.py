@@ -163,9 +163,9 @@ def test_the_sdist_makes_both_again_to_the_bit(built: Path, tmp_path: Path) -> N
     assert not [file for file in ("runs", ".venv", ".mypy_cache") if (source / file).exists()]
 
     (source / "PKG-INFO").unlink()  # hatchling writes it; what is left is a checkout
-    for number, file in enumerate(sorted(source.rglob("*"))):  # another checkout: other times, another umask
-        os.utime(file, (number, number))
-        file.chmod(file.stat().st_mode & 0o700)
+    for number, path in enumerate(sorted(source.rglob("*"))):  # another checkout: other times, another umask
+        os.utime(path, (number, number))
+        path.chmod(path.stat().st_mode & 0o700)
     build(source, tmp_path / "again")
 
     assert digests(tmp_path / "again") == digests(built)
