@@ -176,7 +176,8 @@ def draw_notebook(folder: Path) -> None:
         table = fleet._repr_html_()
         fleet_map.close()
     style = (
-        "<style>body{font:14px sans-serif} th,td{padding:3px 9px;text-align:left} #row{display:flex;gap:14px}</style>"
+        "<style>body{font:14px sans-serif} th,td{padding:3px 9px;text-align:left}"
+        " #row{display:flex;gap:14px;align-items:flex-start}</style>"
     )
     model = "{ get: (name) => values[name], on() {}, send() {} }"
     page_text = (
@@ -188,7 +189,7 @@ def draw_notebook(folder: Path) -> None:
     (folder / "page.html").write_text(page_text)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=program, args=list(FLAGS))
-        page = browser.new_page(viewport={"width": 1020, "height": 660})
+        page = browser.new_page(viewport={"width": 1020, "height": 710})
         page.goto((folder / "page.html").as_uri())
         page.screenshot(path=IMAGES / "notebook.png")
         browser.close()
