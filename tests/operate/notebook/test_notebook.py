@@ -40,6 +40,6 @@ def test_the_map_follows_the_fleet_and_stops_it() -> None:
         fleet_map.update()
         assert fleet_map.poses["roomba-1"][2] > 0.5
         fleet_map.stop_robots()
-        while not all(robot.emergency_stop for robot in fleet.values()):
+        while not all(robot.stopped_because for robot in fleet.values()):
             fleet.clock.sleep(0.05)
         fleet_map.close()
