@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import tempfile
+import threading
 from pathlib import Path
 from typing import Any, Final
 
 from eal_actors import Fleet
+from eal_actors.kernel.errors import EALError
 from eal_actors.managers.plugins import EALPluginManager
 from eal_actors.operate.foxglove import LiveView
+from eal_actors.operate.hands import HandDriver, HandSettings, InputSource
+from eal_actors.operate.hands.sticks import ABS_Y, BTN_TR, EV_ABS, EV_KEY, curved
 from eal_actors.recording.arena import draw_arena, draw_grid, new_figure
 from tests.operate.foxglove.viewer import Viewer
+from tests.operate.hands.test_sticks import event
 from tests.unit.plugins.ros2.rig import ros2_peer
 
 IMAGES: Final = Path(__file__).parent / "images"
@@ -110,6 +116,44 @@ def draw_foxglove(folder: Path) -> None:
     figure.savefig(IMAGES / "foxglove.png")
 
 
+def draw_hand(folder: Path) -> None:
+    """Drive a simulated robot by the bytes of a gamepad's events, and draw its path and the stick's curves."""
+    read, write = os.pipe()
+    os.set_blocking(read, False)
+    path: list[Any] = []
+    ended: list[EALError] = []
+    robots = {"roomba-1": {"plugins": {"sim": {"model": "roomba"}}}}
+    with Fleet.load(fleet_file(folder, robots)) as fleet:
+
+        def run() -> None:
+            try:
+                driver = HandDriver(fleet, ["roomba-1"], HandSettings(0.25, 0.8), lambda _: None)
+                driver.run(InputSource("pipe", read, {}))
+            except EALError as error:
+                ended.append(error)
+
+        thread = threading.Thread(target=run)
+        thread.start()
+        os.write(write, event(EV_KEY, BTN_TR, 1))
+        for step in range(160):
+            os.write(write, event(EV_ABS, ABS_Y, -32768) + event(EV_ABS, 0, int(30000 * math.sin(step / 13))))
+            fleet.clock.sleep(0.05)
+            path.append(fleet["roomba-1"]["TruePose"].get_value().get().value)
+        os.close(write)
+        thread.join()
+    os.close(read)
+    figure = _figure()
+    left, right = figure.subplots(1, 2)
+    left.plot([pose[0] for pose in path], [pose[1] for pose in path], color="#1f6fb4")
+    left.set(title="driven by a gamepad's events", xlabel="x in m", ylabel="y in m", aspect="equal")
+    stick = [number / 100 for number in range(101)]
+    for expo in (0.0, 0.6, 1.0):
+        right.plot(stick, [curved(way, expo) for way in stick], label=f"--expo {expo:g}")
+    right.set(title="the stick's curve", xlabel="way of the stick", ylabel="part of the speed")
+    right.legend()
+    figure.savefig(IMAGES / "hand.png")
+
+
 def _figure() -> Any:
     figure = new_figure(7.5, 5.5)
     if figure is None:
@@ -124,6 +168,6 @@ def _disc(place: tuple[float, float], radius_m: float, colour: str) -> Any:
 
 
 if __name__ == "__main__":
-    for draw in (draw_foxglove, draw_ros2):
+    for draw in (draw_foxglove, draw_hand, draw_ros2):
         with tempfile.TemporaryDirectory() as made:
             draw(Path(made))
