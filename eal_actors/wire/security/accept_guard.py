@@ -25,17 +25,16 @@ import contextlib
 import os
 import select
 import socket
-import stat
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Final
 
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.log import get_logger
 from eal_actors.kernel.posix import HAS_LIMITS, resource
+from eal_actors.wire.own_sockets import OPEN_FILES, is_listening, tcp_sockets
 from eal_actors.wire.security.packet_filter import (
     MAX_ADDRESSES,
     PacketRule,
@@ -46,7 +45,6 @@ from eal_actors.wire.security.packet_filter import (
 
 MAX_FILES: Final = 65_536
 """Open files that a listening process asks for, if its hard limit allows them."""
-_FILES: Final = Path("/proc/self/fd")
 ROBOT_STRANGERS: Final = 24
 """Connections to a robot without a finished handshake at which new ones are refused."""
 ROUTER_STRANGERS: Final = 256
@@ -105,8 +103,8 @@ def guarding(ports: Iterable[int], most: int, linked: Callable[[], list[str]]) -
     """
     served = frozenset(ports)
     listeners = []
-    for end in _sockets(served):
-        if end.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
+    for end in tcp_sockets():
+        if is_listening(end) and end.getsockname()[1] in served:
             listeners.append(end)
         else:
             end.close()
@@ -120,28 +118,11 @@ def guarding(ports: Iterable[int], most: int, linked: Callable[[], list[str]]) -
         guard.close()
 
 
-def _sockets(ports: frozenset[int]) -> Iterator[socket.socket]:
-    """Yield a duplicate of each of this process's TCP sockets at some ports, to be closed."""
-    seen = set()
-    for file in _FILES.iterdir() if _FILES.is_dir() else ():
-        with contextlib.suppress(OSError):  # it was closed meanwhile, or no descriptor is free
-            status = os.fstat(int(file.name))
-            if not stat.S_ISSOCK(status.st_mode) or status.st_ino in seen:
-                continue
-            seen.add(status.st_ino)
-            end = socket.socket(fileno=os.dup(int(file.name)))
-            is_tcp = end.family in (socket.AF_INET, socket.AF_INET6) and end.type == socket.SOCK_STREAM
-            if is_tcp and end.getsockname()[1] in ports:
-                yield end
-            else:
-                end.close()
-
-
 def _peers(ports: frozenset[int]) -> Iterator[str]:
     """Yield the IP address of the other end of each connection; nothing where it has gone already."""
-    for end in _sockets(ports):
+    for end in tcp_sockets():
         with end:
-            if not end.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
+            if end.getsockname()[1] in ports and not is_listening(end):
                 try:
                     yield plain_address(end.getpeername()[0])
                 except OSError:
@@ -149,7 +130,7 @@ def _peers(ports: frozenset[int]) -> Iterator[str]:
 
 
 def _count_files() -> int:
-    return sum(1 for _ in _FILES.iterdir())
+    return sum(1 for _ in OPEN_FILES.iterdir())
 
 
 class AcceptGuard:
