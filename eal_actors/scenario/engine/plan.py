@@ -100,7 +100,7 @@ def make_plan(
 def _inspect(fleet: Fleet, names: AbstractSet[str]) -> tuple[dict[str, EALError], dict[str, RobotFacts]]:
     """Return the errors of robots that did not start, and the abilities of all others, by name."""
     errors = {name: error for name in names if (error := _start_error(fleet[name])) is not None}
-    facts = {name: _facts(fleet[name]) for name in fleet.config.robots if name in names and name not in errors}
+    facts = {name: robot_facts(fleet[name]) for name in fleet.config.robots if name in names and name not in errors}
     return errors, facts
 
 
@@ -127,7 +127,8 @@ def _check_lost(scenario: Scenario, bound: Binding, lost: Mapping[str, EALError]
             raise RobotFailedError(f"{first.message}{others}{wanted}", robot=first.robot)
 
 
-def _facts(robot: RobotHandle) -> RobotFacts:
+def robot_facts(robot: RobotHandle) -> RobotFacts:
+    """Return the abilities of a started robot."""
     resources: dict[str, ResourceInfo] = {}
     left_out = [problem.message for problem in robot.problems]
     for name, resource in robot.items():
