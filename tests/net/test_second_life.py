@@ -143,5 +143,4 @@ def test_no_command_is_carried_out_twice_or_late(kills: int, tmp_path: Path) -> 
     tally = live(tmp_path, kills, seed)
     print(tally)  # noqa: T201  # shown with -rP
     assert (tally.repeated, tally.late) == (0, 0)
-    assert tally.resumed > 0
     assert tally.done > 0 or kills < 10  # a kill in the middle of a `step` is refused, and both may be such ones
