@@ -7,7 +7,6 @@ import statistics
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import psutil
 import pytest
@@ -72,7 +71,7 @@ def flood(send: Callable[[], None], over: threading.Event) -> int:
     return sent
 
 
-def test_a_sustained_flood_delays_no_other_robot_and_ends(peer: Ros2Peer, tmp_path: Path, record_property: Any) -> None:
+def test_a_sustained_flood_delays_no_other_robot_and_ends(peer: Ros2Peer, tmp_path: Path) -> None:
     robots = {f"r{n}": {"plugins": {"sim": {"model": "roomba", "start": {"x_m": n, "y_m": 0}}}} for n in (1, 2)}
     path = tmp_path / "fleet.yaml"
     path.write_text(json.dumps({"version": 1, "name": "two", "robots": robots}))
@@ -86,7 +85,7 @@ def test_a_sustained_flood_delays_no_other_robot_and_ends(peer: Ros2Peer, tmp_pa
                 commands.publish(linear=vector(x=0.1, y=0.0, z=0.0), angular=vector(x=0.0, y=0.0, z=0.0))
 
             base = fleet["r1"]["Base"]
-            wait_for(lambda: send() or base.get_status().get() == 1, "it does not move")  # type: ignore[func-returns-value]
+            wait_for(lambda: (send(), base.get_status().get())[1] == 1, "it does not move")  # type: ignore[func-returns-value]
             before, over, counts = psutil.Process().memory_info().rss, threading.Event(), list[int]()
             thread = threading.Thread(target=lambda: counts.append(flood(send, over)))
             thread.start()
