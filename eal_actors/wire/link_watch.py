@@ -18,10 +18,8 @@ from __future__ import annotations
 
 import array
 import contextlib
-import fcntl
 import socket
 import struct
-import termios
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -29,6 +27,7 @@ from typing import Final, NamedTuple
 
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.log import get_logger
+from eal_actors.kernel.posix import fcntl, termios
 from eal_actors.wire.own_sockets import is_listening, tcp_sockets
 from eal_actors.wire.security.packet_filter import plain_address
 

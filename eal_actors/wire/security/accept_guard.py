@@ -23,7 +23,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import resource
 import select
 import socket
 import threading
@@ -34,6 +33,7 @@ from typing import Final
 
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.log import get_logger
+from eal_actors.kernel.posix import HAS_LIMITS, resource
 from eal_actors.wire.own_sockets import OPEN_FILES, is_listening, tcp_sockets
 from eal_actors.wire.security.packet_filter import (
     MAX_ADDRESSES,
@@ -61,6 +61,8 @@ _WARN_EACH_S: Final = 10.0
 
 def raise_file_limit() -> int:
     """Raise the soft limit of open files as far as the hard limit allows, and return it."""
+    if not HAS_LIMITS:
+        return MAX_FILES
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     wanted = MAX_FILES if hard == resource.RLIM_INFINITY else min(hard, MAX_FILES)
     if soft != resource.RLIM_INFINITY and soft < wanted:
@@ -71,6 +73,8 @@ def raise_file_limit() -> int:
 
 def descriptor_warnings() -> list[str]:
     """Return a warning if more than three quarters of this process's file descriptors are in use."""
+    if not HAS_LIMITS:
+        return []
     soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     try:
         used = _count_files()
