@@ -32,6 +32,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
+    "sphinx_copybutton",
     "_site.docstrings",
     "_site.schemas",
     "_site.commands",
@@ -44,6 +45,9 @@ suppress_warnings = [
     "toc.not_included",  # a page that stands in no list yet is built and can be linked to
 ]
 
+copybutton_prompt_text = "$ "
+copybutton_only_copy_prompt_lines = True  # a block with prompts also shows what they print
+
 autodoc_member_order = "bysource"
 autodoc_default_options = {"members": True, "show-inheritance": True}
 autodoc_typehints_format = "short"
@@ -54,7 +58,7 @@ napoleon_use_ivar = True
 napoleon_include_init_with_doc = False
 
 html_theme = "furo"
-html_title = "EAL actors"
+html_title = f"EAL actors {release}"
 html_static_path = ["_site/static"]
 html_css_files = ["site.css"]
 html_extra_path = ["_site/root"]

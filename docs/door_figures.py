@@ -2,19 +2,31 @@
 
 from __future__ import annotations
 
+import base64
+import html
+import inspect
 import json
 import math
+import os
 import tempfile
+import threading
 from pathlib import Path
 from typing import Any, Final
 
+from playwright.sync_api import sync_playwright
 from vda5050 import OrderBuilder
 
 from eal_actors import Fleet
+from eal_actors.kernel.errors import EALError
 from eal_actors.managers.plugins import EALPluginManager
 from eal_actors.operate.foxglove import LiveView
+from eal_actors.operate.hands import HandDriver, HandSettings, InputSource
+from eal_actors.operate.hands.sticks import ABS_Y, BTN_TR, EV_ABS, EV_KEY, curved
+from eal_actors.operate.notebook import FleetMap
 from eal_actors.recording.arena import draw_arena, draw_grid, new_figure
+from tests.chromium import FLAGS, MISSING, find_chromium
 from tests.operate.foxglove.viewer import Viewer
+from tests.operate.hands.test_sticks import event
 from tests.unit.plugins.mavlink.rig import Vehicle
 from tests.unit.plugins.mqtt.rig import Broker, error_of, mqtt_fleet
 from tests.unit.plugins.ros2.rig import free_port, ros2_peer, wait_for
@@ -178,6 +190,78 @@ def draw_foxglove(folder: Path) -> None:
     figure.savefig(IMAGES / "foxglove.png")
 
 
+def draw_hand(folder: Path) -> None:
+    """Drive a simulated robot by the bytes of a gamepad's events, and draw its path and the stick's curves."""
+    read, write = os.pipe()
+    os.set_blocking(read, False)
+    path: list[Any] = []
+    ended: list[EALError] = []
+    robots = {"roomba-1": {"plugins": {"sim": {"model": "roomba"}}}}
+    with Fleet.load(fleet_file(folder, robots)) as fleet:
+
+        def run() -> None:
+            try:
+                driver = HandDriver(fleet, ["roomba-1"], HandSettings(0.25, 0.8), lambda _: None)
+                driver.run(InputSource("pipe", read, {}))
+            except EALError as error:
+                ended.append(error)
+
+        thread = threading.Thread(target=run)
+        thread.start()
+        os.write(write, event(EV_KEY, BTN_TR, 1))
+        for step in range(160):
+            os.write(write, event(EV_ABS, ABS_Y, -32768) + event(EV_ABS, 0, int(30000 * math.sin(step / 13))))
+            fleet.clock.sleep(0.05)
+            path.append(fleet["roomba-1"]["TruePose"].get_value().get().value)
+        os.close(write)
+        thread.join()
+    os.close(read)
+    figure = _figure()
+    left, right = figure.subplots(1, 2)
+    left.plot([pose[0] for pose in path], [pose[1] for pose in path], color="#1f6fb4")
+    left.set(title="driven by a gamepad's events", xlabel="x in m", ylabel="y in m", aspect="equal")
+    stick = [number / 100 for number in range(101)]
+    for expo in (0.0, 0.6, 1.0):
+        right.plot(stick, [curved(way, expo) for way in stick], label=f"--expo {expo:g}")
+    right.set(title="the stick's curve", xlabel="way of the stick", ylabel="part of the speed")
+    right.legend()
+    figure.savefig(IMAGES / "hand.png")
+
+
+def draw_notebook(folder: Path) -> None:
+    """Show what a notebook shows: a fleet, a frame and the live map, in a browser."""
+    program = find_chromium()
+    if program is None:
+        raise SystemExit(MISSING)
+    with Fleet.load("panorama") as fleet:
+        fleet_map = FleetMap(fleet)
+        frame = fleet["evbot2-1"]["Camera"].get_value(timeout_s=120).get()
+        png = base64.b64encode(frame._repr_png_() or b"").decode()
+        pose = html.escape(repr(fleet["evbot2-1"]["Pose"].get_value().get()))
+        values = {name: getattr(fleet_map, name) for name in ("world", "poses", "states")}
+        script = Path(inspect.getfile(FleetMap)).with_name("fleet_map.js").read_text()
+        table = fleet._repr_html_()
+        fleet_map.close()
+    style = (
+        "<style>body{font:14px sans-serif} th,td{padding:3px 9px;text-align:left}"
+        " #row{display:flex;gap:14px;align-items:flex-start}</style>"
+    )
+    model = "{ get: (name) => values[name], on() {}, send() {} }"
+    page_text = (
+        f"{style}{table}<pre>{pose}</pre><div id=row><img width=400 src='data:image/png;base64,{png}'>"
+        "<div id=map></div></div>"
+        f"<script type=module>{script.replace('export default { render };', '')}\nconst values = {json.dumps(values)};"
+        f"render({{ model: {model}, el: document.getElementById('map') }});</script>"
+    )
+    (folder / "page.html").write_text(page_text)
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=list(FLAGS))
+        page = browser.new_page(viewport={"width": 1020, "height": 710})
+        page.goto((folder / "page.html").as_uri())
+        page.screenshot(path=IMAGES / "notebook.png")
+        browser.close()
+
+
 def _figure() -> Any:
     figure = new_figure(7.5, 5.5)
     if figure is None:
@@ -192,6 +276,6 @@ def _disc(place: tuple[float, float], radius_m: float, colour: str) -> Any:
 
 
 if __name__ == "__main__":
-    for draw in (draw_foxglove, draw_mavlink, draw_ros2, draw_vda5050):
+    for draw in (draw_foxglove, draw_hand, draw_mavlink, draw_notebook, draw_ros2, draw_vda5050):
         with tempfile.TemporaryDirectory() as made:
             draw(Path(made))

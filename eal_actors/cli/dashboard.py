@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ssl
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -12,16 +11,15 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from eal_actors.cli.fleets import read_fleet
+from eal_actors.cli.fleets import in_real_time, read_fleet
 from eal_actors.cli.interrupts import handle_signals
 from eal_actors.cli.live_view import FoxgloveControlOption, FoxgloveOption, foxglove_at
 from eal_actors.cli.options import FleetOption
-from eal_actors.cli.output import stderr, stdout
+from eal_actors.cli.output import stdout
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.errors import ConfigError, Problem, UnsupportedError
-from eal_actors.kernel.lock_step import MAX
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.wire.security.certificates import DASHBOARD, certificate_file, folder_of, key_file, list_certificates
 
@@ -66,7 +64,7 @@ def show_dashboard(
             f"the dashboard needs {error.name}, which is not installed: pip install 'eal-actors[dashboard]'"
         ) from error
     handle_signals()
-    config = _in_real_time(read_fleet(fleet))
+    config = in_real_time(read_fleet(fleet))
     if token and config.operators:
         raise typer.BadParameter("the fleet file names operators, who have tokens already", param_hint="--token")
     tls, names = _tls(config)
@@ -106,14 +104,6 @@ def _tls(config: FleetConfig) -> tuple[ssl.SSLContext | None, Sequence[str]]:
         return None, ()
     names = [found.hosts for found in list_certificates(folder) if found.name == DASHBOARD]
     return tls_context(certificate, key_file(folder, DASHBOARD)), names[0]
-
-
-def _in_real_time(config: FleetConfig) -> FleetConfig:
-    """Return the fleet with a rate that people can follow."""
-    if config.rate != MAX:
-        return config
-    stderr().print("the fleet's clock runs at rate 1 instead of max", style="dim", soft_wrap=True)
-    return replace(config, rate=1.0)
 
 
 def _scenarios() -> Path:

@@ -49,6 +49,8 @@ EPILOG: Final = (
     "3 a robot could not be reached; 130 interrupted."
 )
 
+TROUBLESHOOTING: Final = "https://github.com/eal-actors/eal-actors/blob/main/docs/troubleshooting.md"
+"""The page with a paragraph for each error code."""
 SEE_DEVICE: Final = "Check that it is switched on and connected, then try again."
 """Advice if a device may be the cause."""
 SEE_BLOCKING: Final = "A command blocks its actor: `eal plugin check FOLDER` names the command."
@@ -112,12 +114,14 @@ def report_error(error: EALError, options: GlobalOptions, *, as_json: bool = Fal
         console.print(Text.assemble(("Error: ", "bold red"), str(error)), soft_wrap=True)
     if advice:
         console.print(advice, style="dim", soft_wrap=True)
+    console.print(f"{error.code}: {TROUBLESHOOTING}#{error.code}", style="dim", soft_wrap=True, highlight=False)
     return code
 
 
 def write_error(name: str, message: str, code: ExitCode, advice: str = "", problems: Sequence[Problem] = ()) -> None:
     """Write an error to stdout as JSON, in place of the result of a command with `--json`."""
     about: dict[str, Any] = {"code": name, "message": message, "exit_code": int(code), "advice": advice}
+    about["url"] = f"{TROUBLESHOOTING}#{name}"
     write_json({"error": {**about, "problems": [asdict(problem) for problem in problems]}})
 
 

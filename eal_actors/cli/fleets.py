@@ -9,10 +9,11 @@ from pathlib import Path
 
 from eal_actors.actors.handles import ResourceHandle
 from eal_actors.cli.exit_codes import SEE_DEVICE, advise_on_device
+from eal_actors.cli.output import stderr
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.bundled import short_path
 from eal_actors.kernel.errors import PluginError, Problem, RobotFailedError
-from eal_actors.kernel.lock_step import Rate
+from eal_actors.kernel.lock_step import MAX, Rate
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.plugins import EALPluginManager
@@ -41,6 +42,14 @@ def read_fleet(
     if rate is not None:
         config = replace(config, rate=rate)
     return config if seed is None else replace(config, seed=seed)
+
+
+def in_real_time(config: FleetConfig) -> FleetConfig:
+    """Return the fleet with a rate that people can follow."""
+    if config.rate != MAX:
+        return config
+    stderr().print("the fleet's clock runs at rate 1 instead of max", style="dim", soft_wrap=True)
+    return replace(config, rate=1.0)
 
 
 def check_plugins(config: FleetConfig) -> tuple[set[Problem], list[str]]:

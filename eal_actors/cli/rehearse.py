@@ -20,7 +20,7 @@ from eal_actors.cli.work import work_progress
 from eal_actors.lab.rehearsal import ClosestApproach, Incident, Rehearsal, rehearse
 from eal_actors.lab.rehearsal.proximity import TOUCH_M
 from eal_actors.managers.twins import SimulatedFleet, simulated
-from eal_actors.scenario import Scenario
+from eal_actors.scenario import Scenario, StepRecord
 from eal_actors.scenario.language.binding import find_candidates
 
 _SEEDS = 3
@@ -187,6 +187,9 @@ def _rehearsals_as_json(
                 "starts": {name: list(place) for name, place in one.starts.items()},
                 "nearest": {name: _closest_as_json(nearest) for name, nearest in one.nearest.items()},
                 "incidents": [_incident_as_json(request.scenario, incident) for incident in one.incidents],
+                "failed_steps": _steps_as_json(
+                    request.scenario, [step for step in one.report.steps if step.outcome == "failed"]
+                ),
             }
             for one in done
         ],
@@ -195,18 +198,29 @@ def _rehearsals_as_json(
 
 def _incident_as_json(scenario: Scenario, incident: Incident) -> dict[str, Any]:
     approach = incident.approach
-    steps = [(step, scenario.position_of(step.step)) for step in incident.steps]
     return {
         "robot": approach.robot,
         "is_hit": approach.is_hit,
         "start_s": approach.start_s,
         "end_s": approach.end_s,
         **_closest_as_json(approach.nearest),
-        "steps": [
-            {"robot": step.robot, "step": step.step, "label": step.label, "file": mark.file, "line": mark.line}
-            for step, mark in steps
-        ],
+        "steps": _steps_as_json(scenario, incident.steps),
     }
+
+
+def _steps_as_json(scenario: Scenario, steps: Sequence[StepRecord]) -> list[dict[str, Any]]:
+    places = [(step, scenario.position_of(step.step)) for step in steps]
+    return [
+        {
+            "robot": step.robot,
+            "step": step.step,
+            "label": step.label,
+            "file": mark.file,
+            "line": mark.line,
+            "column": mark.column,
+        }
+        for step, mark in places
+    ]
 
 
 def _closest_as_json(nearest: ClosestApproach) -> dict[str, Any]:

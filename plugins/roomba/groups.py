@@ -6,7 +6,8 @@ Source: iRobot Roomba Serial Command Interface (SCI) specification.
 from __future__ import annotations
 
 import struct
-from dataclasses import astuple, dataclass, fields
+from dataclasses import dataclass, fields
+from operator import attrgetter
 from typing import Final
 
 from eal_actors.plugin import DataError
@@ -57,7 +58,7 @@ class Contacts:
 
     def encode(self) -> bytes:
         """Return the group's 10 bytes."""
-        flags = astuple(self)[:16]
+        flags = _flags_of(self)
         return bytes([bits(*flags[:5]), *flags[5:11], bits(*flags[11:16]), self.dirt_left, self.dirt_right])
 
     @classmethod
@@ -77,6 +78,7 @@ class Contacts:
 
 CONTACT_FLAGS: Final = tuple(field.name for field in fields(Contacts))[:16]
 """The names of the flags among the contacts, in the order of the wire."""
+_flags_of: Final = attrgetter(*CONTACT_FLAGS)
 
 NO_REMOTE: Final = 255
 """The remote control's byte while none of its buttons is pressed."""
@@ -191,7 +193,7 @@ class PowerGroup:
 
     def encode(self) -> bytes:
         """Return the group's 10 bytes."""
-        return struct.pack(">BHhb2H", *astuple(self))
+        return struct.pack(">BHhb2H", *_power_of(self))
 
     @classmethod
     def decode(cls, data: bytes) -> PowerGroup:
@@ -204,6 +206,9 @@ class PowerGroup:
         if data[0] >= len(CHARGING_STATES):
             raise DataError(f"SCI: byte 0 of sensor group 3 is a charging state, 0..5, not {data[0]}")
         return cls(*struct.unpack(">BHhb2H", data))
+
+
+_power_of: Final = attrgetter(*(field.name for field in fields(PowerGroup)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,30 +22,27 @@ from .oi import COUNTS, METRES_A_COUNT, MODES, STREAM_PERIOD_S
 from .reading import WheelCommand
 from .sci import Mode, Op
 
-STREAMED: Final = (
-    packets.BUMPS_AND_DROPS,
-    packets.WALL,
-    *packets.CLIFFS,
-    packets.VIRTUAL_WALL,
-    packets.OVERCURRENTS,
+_REQUESTED: Final = (
+    packets.CONTACTS_GROUP,
     packets.BUTTONS,
-    packets.CHARGING_STATE,
-    packets.VOLTAGE,
-    packets.CURRENT,
-    packets.TEMPERATURE,
-    packets.CHARGE,
-    packets.CAPACITY,
+    packets.POWER_GROUP,
     packets.OI_MODE,
     packets.REQUESTED_RIGHT,
     packets.REQUESTED_LEFT,
     packets.LEFT_COUNTS,
     packets.RIGHT_COUNTS,
 )
-"""The streamed packets; a frame of them takes 5 of the 15 ms."""
+"""Numbers of the streamed packets and groups; a frame takes 4 of the 15 ms.
+
+The contacts come as a group: the number of their first packet is the op code of Reset, which the Roomba obeys if a byte
+before it is lost.
+"""
+STREAMED: Final = tuple(packet for number in _REQUESTED for packet in packets.packets_of(number))
+"""The packets in a frame."""
 
 _REPLY_S: Final = 0.1
 _UNDER_WAY_S: Final = 0.005  # a frame of the stream
-_STREAM: Final = oi.stream(STREAMED)
+_STREAM: Final = oi.stream(_REQUESTED)
 _PAUSE: Final = oi.stream_on(on=False)
 _ROLL_OUT_M: Final = 0.005  # what a wheel may travel beyond its highest speed between two readings
 _RETAKE_S: Final = 1.0  # control that ends without a visible cause is taken back, but not twice within this time
@@ -70,7 +67,7 @@ class OiDriver(RoombaDriver):
         self, link: RoombaLink, clock: Clock, mode: Mode, poll_hz: float, name: str, wheelbase_m: float
     ) -> None:
         super().__init__(link, clock, mode, poll_hz, name, wheelbase_m)
-        self._reader = packets.StreamReader()
+        self._reader = packets.StreamReader(_REQUESTED)
         self._latest: Mapping[int, int] | None = None
         self._latest_s = 0.0
         self._unusual: Mapping[int, int] | None = None
@@ -181,7 +178,7 @@ class OiDriver(RoombaDriver):
 
     def _restart_if_silent(self) -> Activity:
         if any(self._commanded_m_s) and self._reading is not None:
-            if self.clock.now() - self._reading.stamp_s < _SILENT_S + self.lag_s:
+            if self.clock.now() - self._latest_s < _SILENT_S:  # whatever the delay of the line
                 return
             with self._lock:
                 self._mode, self._must_repeat = Mode.OFF, True
@@ -195,6 +192,8 @@ class OiDriver(RoombaDriver):
         left_m, right_m = _counted_m(values, self._latest)
         if max(abs(left_m), abs(right_m)) > _most_m(now_s - self._latest_s):
             self._log.warning("the encoders were reset; the travel in between is unknown")
+            if any(self._commanded_m_s):
+                self._interruption = "the Roomba has reset its encoders, and its travel meanwhile is unknown"
             return 0.0, 0.0
         return left_m, right_m
 

@@ -39,6 +39,8 @@ REQUESTED_LEFT: Final = 42
 LEFT_COUNTS: Final = 43
 RIGHT_COUNTS: Final = 44
 STASIS: Final = 58
+CONTACTS_GROUP: Final = 1
+POWER_GROUP: Final = 3
 
 _SIGNED_BYTES: Final = {TEMPERATURE}
 _SIGNED_WORDS: Final = {DISTANCE, ANGLE, CURRENT, *range(39, 43), *range(54, 58)}
@@ -135,12 +137,17 @@ def stream_frame(values: Mapping[int, int], numbers: Iterable[int] | None = None
 class StreamReader:
     """Finds frames in the Roomba's output, in pieces of any size, and skips the rest.
 
+    Args:
+        numbers: of the packets and groups of each frame; if None, any frame is accepted. A false header announces up
+            to 255 bytes, which would hold the frames after it back.
+
     Attributes:
         skipped: number of bytes outside frames.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, numbers: Iterable[int] | None = None) -> None:
         self.skipped = 0
+        self._length = None if numbers is None else sum(1 + sum(map(size_of, packets_of(n))) for n in numbers)
         self._held = bytearray()
 
     def feed(self, data: bytes) -> list[dict[int, int]]:
@@ -150,9 +157,12 @@ class StreamReader:
         while self._held:
             start = self._held.find(STREAM_HEADER)
             self._skip(len(self._held) if start < 0 else start)
-            if len(self._held) < 2 or len(self._held) < (size := self._held[1] + 3):
+            if len(self._held) < 2:
                 break
-            values = _values(bytes(self._held[:size]))
+            size, is_wanted = self._held[1] + 3, self._length in (None, self._held[1])
+            if is_wanted and len(self._held) < size:
+                break
+            values = _values(bytes(self._held[:size])) if is_wanted else None
             if values is None:
                 self._skip(1)  # a false header within other data
             else:

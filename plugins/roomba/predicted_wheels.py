@@ -171,15 +171,15 @@ class PredictedWheels:
         """Return one wheel's travel since the start, and its speed then."""
         acceleration_m_s2 = variant.factor * self.acceleration_m_s2
         at_s, speed_m_s, moved_m = self._at_s, self._speeds_m_s[wheel], 0.0
-        ends = [*(time_s + variant.late_s for time_s, _ in self._commands), math.inf][1:]
-        targets = [target for _, target in self._commands]
+        ends_s = [time_s + variant.late_s for time_s, _ in self._commands]
+        targets_m_s = [target[wheel] for _, target in self._commands]
         if variant.is_deaf:
-            targets = [targets[0], *targets[:-1]]
-        for target, end_s in zip(targets, ends, strict=True):
-            duration_s = min(end_s, until_s) - at_s
+            targets_m_s = [targets_m_s[0], *targets_m_s[:-1]]
+        for target_m_s, end_s in zip(targets_m_s, [*ends_s[1:], until_s], strict=True):
+            duration_s = (min(until_s, end_s)) - at_s
             if duration_s <= 0:
                 continue
-            lack_m_s = target[wheel] - speed_m_s
+            lack_m_s = target_m_s - speed_m_s
             ramp_s = min(duration_s, abs(lack_m_s) / acceleration_m_s2)
             reached_m_s = speed_m_s + math.copysign(acceleration_m_s2 * ramp_s, lack_m_s)
             moved_m += (speed_m_s + reached_m_s) / 2 * ramp_s + reached_m_s * (duration_s - ramp_s)

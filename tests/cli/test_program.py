@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 import eal_actors
-from eal_actors.cli.exit_codes import ExitCode, exit_code, report_error
+from eal_actors.cli.exit_codes import TROUBLESHOOTING, ExitCode, exit_code, report_error
 from eal_actors.cli.options import GlobalOptions
 from eal_actors.kernel import errors
 from eal_actors.kernel.errors import ConfigError, EALError, Problem
@@ -65,6 +65,7 @@ def test_an_error_goes_to_stderr_with_what_to_do_next_and_no_traceback(eal: Any,
     assert result.stderr.splitlines() == [
         "Error: one: unknown resource 'Slid'; did you mean 'Slide'?",
         "`eal resources --fleet FLEET --robot ROBOT` lists resources and their commands.",
+        f"resource_not_found: {TROUBLESHOOTING}#resource_not_found",
     ]
 
 
@@ -87,10 +88,10 @@ def test_every_problem_of_a_file_has_its_line(eal: Any, write: Any) -> None:
     result = eal("resources", "--fleet", fleet)
     assert result.exit_code == ExitCode.BAD_INPUT
     lines = result.stderr.splitlines()
-    places = [line.removeprefix(f"{fleet}:").split(" ")[0] for line in lines[:-1] if line[0] != " "]
+    places = [line.removeprefix(f"{fleet}:").split(" ")[0] for line in lines[:-2] if line[0] != " "]
     assert places == ["2:7:", "4:3:", "4:13:"]
     assert lines[1:3] == ["    seed: x", "          ^"]
-    assert lines[-1] == "3 problems; nothing was done."
+    assert lines[-2:] == ["3 problems; nothing was done.", f"config: {TROUBLESHOOTING}#config"]
 
 
 def test_the_fleet_may_come_from_the_environment(eal: Any, slides: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -111,7 +112,8 @@ def test_the_help_says_where_global_options_go(eal: Any) -> None:
 
 def last_lines(result: Any) -> list[str]:
     lines: list[str] = result.stderr.splitlines()
-    return lines[next(at for at, line in enumerate(lines) if line.startswith("Error: ")) + 1 :]
+    assert TROUBLESHOOTING in lines[-1]
+    return lines[next(at for at, line in enumerate(lines) if line.startswith("Error: ")) + 1 : -1]
 
 
 SEE_DEVICE = "Check that it is switched on and connected, then try again."
@@ -149,7 +151,7 @@ def test_what_to_do_about_missing_modules(eal: Any, slides: Path) -> None:
 )
 def test_what_to_do_about_a_port_that_is_taken(capsys: pytest.CaptureFixture[str], message: str) -> None:
     report_error(errors.UnavailableError(message), GlobalOptions())
-    assert capsys.readouterr().err.splitlines()[-1].startswith("`ss -ltnp` shows the program")
+    assert capsys.readouterr().err.splitlines()[-2].startswith("`ss -ltnp` shows the program")
 
 
 LATE = ["call", "one", "Slide", "send_cmd", "to1", "--timeout-s", "0.05", "--fleet"]

@@ -91,7 +91,7 @@ def test_the_problems_of_both_files_are_told_at_once(eal: Any, write: Any, tmp_p
     for fleet in (broken, refused):
         result = eal("run", scenario, "--fleet", fleet, "--runs-dir", tmp_path / "runs")
         assert result.exit_code == 2
-        problems = [line for line in result.stderr.splitlines()[:-1] if not line.startswith("    ")]
+        problems = [line for line in result.stderr.splitlines()[:-2] if not line.startswith("    ")]
         assert [line.split(":")[0] for line in problems] == [str(fleet), str(scenario)]
     assert not (tmp_path / "runs").exists()
 

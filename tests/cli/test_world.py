@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from eal_actors.cli.exit_codes import TROUBLESHOOTING
 from eal_actors.cli.world import summarize_world
 from eal_actors.device.world import load_world
 from eal_actors.kernel.bundled import bundled_path
@@ -101,4 +102,5 @@ def test_a_bad_world_is_told_with_its_places(eal: Any, write: Any) -> None:
         "    starts: [{x_m: 3, y_m: 0}]",
         "             ^",
         "1 problem; nothing was done.",
+        f"config: {TROUBLESHOOTING}#config",
     ]

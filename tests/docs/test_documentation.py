@@ -14,11 +14,14 @@ from pathlib import Path
 import pytest
 
 from eal_actors import Fleet
+from eal_actors.cli.exit_codes import report_error
+from eal_actors.cli.options import GlobalOptions
 from eal_actors.device.world import load_world
 from eal_actors.kernel import errors
 from eal_actors.kernel.bundled import bundled_names
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import check_scenario
+from tests.docs import examples
 from tests.facade.test_eal import SEVENTEEN
 from tests.patience import patient_fleet
 from tests.problems import problems_of
@@ -104,6 +107,28 @@ def test_every_yaml_block_is_a_valid_file(text: str, tmp_path: Path) -> None:
     assert not problems, "\n".join(map(str, problems))
 
 
+def test_the_examples_are_what_the_pages_show_and_the_tests_run() -> None:
+    texts = {file.relative_to(ROOT).as_posix(): file.read_text() for file in examples.FOLDER.glob("*.[py]*")}
+    pages = {name: text for page in examples.PAGES for name, text in examples.shown(page).items()}
+    assert pages == texts, "python -m tests.docs.examples puts them into the pages"
+    listed = re.findall(r"^\| \[\S+\]\((\S+)\)", (examples.FOLDER / "index.md").read_text(), re.MULTILINE)
+    assert sorted(listed) == sorted(Path(name).name for name in texts)
+
+
+def test_an_example_that_has_changed_is_put_into_its_page(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("A\n\n<!-- docs/examples/together.py -->\n```python\nold = 1\n```\n\nB\n")
+    assert examples.update(page)
+    assert (
+        page.read_text() == f"A\n\n<!-- docs/examples/together.py -->\n```python\n{texts_of('together.py')}```\n\nB\n"
+    )
+    assert not examples.update(page)
+
+
+def texts_of(name: str) -> str:
+    return (examples.FOLDER / name).read_text()
+
+
 def test_the_readme_shows_the_sample_plugin_as_it_is() -> None:
     source = (ROOT / "plugins/sample/plugin.py").read_text()
     assert source in (ROOT / "README.md").read_text()
@@ -142,8 +167,31 @@ def test_the_robots_of_the_readme_answer_while_they_turn(
     assert capsys.readouterr().out.splitlines()[0] == f"[{statuses[1]}]"
 
 
-def test_the_page_of_the_api_explains_every_error() -> None:
-    kinds = [kind for kind in vars(errors).values() if isinstance(kind, type) and issubclass(kind, errors.EALError)]
-    concrete = {kind.__name__ for kind in kinds if not any(kind in other.__bases__ for other in kinds)}
-    page = (ROOT / "docs/python.md").read_text()
-    assert concrete - set(re.findall(r"`(\w+Error)`", page[page.index("## Errors") :])) == set()
+def errors_of(kind: type[errors.EALError]) -> list[type[errors.EALError]]:
+    """Return an error of the framework with all below it."""
+    return [
+        kind,
+        *(each for below in kind.__subclasses__() if below.__module__ == errors.__name__ for each in errors_of(below)),
+    ]
+
+
+@pytest.mark.parametrize("kind", errors_of(errors.EALError), ids=lambda kind: str(kind.code))
+def test_each_error_code_has_a_paragraph_that_the_command_line_links_to(
+    kind: type[errors.EALError], capsys: pytest.CaptureFixture[str]
+) -> None:
+    error = errors.ConfigError(()) if kind is errors.ConfigError else kind("no")
+    code = report_error(error, GlobalOptions())
+    link = capsys.readouterr().err.splitlines()[-1]
+    page, anchor = link.removeprefix(f"{kind.code}: https://github.com/eal-actors/eal-actors/blob/main/").split("#")
+    paragraphs = re.findall(
+        rf"^### {anchor}\n\n`(\w+)`(?:, an? `(\w+)`)?\. Exit code (\d)\. ", (ROOT / page).read_text(), re.MULTILINE
+    )
+    builtin = next((base.__name__ for base in kind.__mro__ if not issubclass(base, errors.EALError)), "")
+    assert paragraphs == [
+        (kind.__name__, "" if builtin == "Exception" and kind is not errors.EALError else builtin, str(int(code)))
+    ]
+
+
+def test_the_page_of_error_codes_has_no_others() -> None:
+    codes = re.findall(r"^### (\w+)$", (ROOT / "docs/troubleshooting.md").read_text(), re.MULTILINE)
+    assert sorted(codes) == sorted([*(kind.code for kind in errors_of(errors.EALError)), "usage"])

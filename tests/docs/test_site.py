@@ -5,9 +5,14 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from playwright.sync_api import Browser, sync_playwright
+
+from eal_actors import __version__
+from tests.chromium import FLAGS, MISSING, find_chromium
 
 ROOT = Path(__file__).parents[2]
 OUTSIDE = re.compile(r"""<(?:script|link|img|iframe)\b[^>]*\b(?:src|href)=["']?(?:https?:)?//[^>]*>""")
@@ -66,3 +71,54 @@ def test_the_reference_tells_what_docstrings_and_schemas_tell(site: Path) -> Non
     assert "Seconds of fleet time in one real second" in text_of("fleet-file")
     assert "eal keys controller" in text_of("eal")
     assert "--not-removable" in text_of("evbotos")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """Chromium."""
+    program = find_chromium()
+    if program is None:
+        pytest.skip(MISSING)
+    with (
+        sync_playwright() as playwright,
+        playwright.chromium.launch(executable_path=program, args=[*FLAGS]) as chromium,
+    ):
+        yield chromium
+
+
+def test_search_finds_what_the_reader_calls_it(site: Path, browser: Browser) -> None:
+    page = browser.new_page()
+    for words, wanted in (
+        ("joystick", "dashboard"),
+        ("robot_not_found", "troubleshooting"),
+        ("deadline", "troubleshooting"),
+        ("emergency stop", "safety"),
+    ):
+        page.goto(f"file://{site}/search.html?q={words}")
+        page.wait_for_selector("#search-results li")
+        page.wait_for_function(
+            "document.querySelector('#search-results p.search-summary').innerText.includes('finished')"
+        )
+        links = page.locator("#search-results li a").evaluate_all("links => links.map(link => link.href)")
+        assert any(wanted in link for link in links), (words, links)
+
+
+def test_blocks_have_copy_buttons_that_leave_prompts_out(site: Path, browser: Browser) -> None:
+    page = browser.new_page()
+    copy = 'window.copied = String(getSelection() || "") || document.activeElement.value'
+    page.add_init_script(f"document.execCommand = () => {{ {copy}; return true }}")
+    page.goto(f"file://{site}/docs/index.html")
+    page.locator("button.copybtn").first.click(force=True)
+    assert page.evaluate("window.copied").splitlines()[-1] == "eal run ballet --fleet formation --film --show"
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [1440, 390])
+def test_no_page_is_wider_than_the_window(site: Path, browser: Browser, width: int, scheme: str) -> None:
+    page = browser.new_page(
+        viewport={"width": width, "height": 844}, color_scheme="dark" if scheme == "dark" else "light"
+    )
+    for source in sorted((ROOT / "docs").rglob("*.md")):
+        page.goto((site / source.relative_to(ROOT)).with_suffix(".html").as_uri())
+        assert page.evaluate("document.documentElement.scrollWidth") <= width, source
+        assert f"EAL actors {__version__}" in page.title()

@@ -43,7 +43,12 @@ def test_damaged_bytes_never_become_a_wrong_motion(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "poll_hz", "seed", "least"), [("roomba-sci-cable", 50, 1002, 10), ("roomba-sci-mote", 20, 1007, 9)]
+    ("name", "poll_hz", "seed", "least"),
+    [
+        ("roomba-sci-cable", 50, 1002, 10),
+        ("roomba-sci-mote", 20, 1007, 9),
+        ("roomba-oi-cable", 30, 1009, 10),
+    ],
 )
 def test_lost_bytes_become_neither_wrong_motions_nor_many_errors(
     name: str, poll_hz: int, seed: int, least: int

@@ -19,8 +19,8 @@ from eal_actors.operate.dashboard.access import Access
 from eal_actors.operate.dashboard.limits import MAX_BROWSERS
 from eal_actors.operate.dashboard.pages import INDEX, REPORT_HEADERS, SECURITY_HEADERS, read_pages
 from eal_actors.operate.dashboard.places import place_of
-from eal_actors.operate.dashboard.run_record import REPORT
 from eal_actors.operate.dashboard.session import AppState, BrowserSession
+from eal_actors.operate.run_record import REPORT
 
 
 class _Guard:

@@ -20,8 +20,10 @@ from eal_actors.operate.dashboard.messages import (
     CallResource,
     CommandRobots,
     ControlRun,
+    DecidePlan,
     Describe,
     DriveRobot,
+    ListPlans,
     ListScenarios,
     ReleaseRobot,
     ReloadFleet,
@@ -64,7 +66,7 @@ class Dispatcher:
 
     def may_block(self, message: object) -> bool:
         """Return whether a message must be executed in a thread that may block."""
-        return isinstance(message, ListScenarios | ReloadFleet | SendRobot | StartRun)
+        return isinstance(message, DecidePlan | ListPlans | ListScenarios | ReloadFleet | SendRobot | StartRun)
 
     def execute(self, message: Any, browser: str, reply: Reply) -> None:
         """Execute one of `messages` from a browser, and reply at its end."""
@@ -84,8 +86,6 @@ class Dispatcher:
                 self._watch(message, browser)
             case Describe():
                 return {"resources": self._describe(message.robot)}
-            case ListScenarios():
-                return {"scenarios": self._runs.list_scenarios()}
             case CallResource():
                 self._call(message, browser, reply)
             case CommandRobots():
@@ -103,13 +103,24 @@ class Dispatcher:
                 self._teleop.release(browser, message.robot)
             case ReloadFleet():
                 return {"changes": str(self._fleet.reload())}
+            case _:
+                return self._execute_run(message, browser)
+        return None
+
+    def _execute_run(self, message: Any, browser: str) -> dict[str, Any]:
+        """Return the answer to a message about scenarios, runs and plans."""
+        match message:
+            case ListScenarios():
+                return {"scenarios": self._runs.list_scenarios()}
             case StartRun():
                 self._runs.start(message.file, message.parameters)
-                return {}
             case ControlRun():
                 self._runs.control(message.what)
-                return {}
-        return None
+            case ListPlans():
+                return {"plans": self._runs.list_plans()}
+            case DecidePlan():
+                self._runs.decide(message.hash, f"dashboard, {browser}", is_approved=message.approve)
+        return {}
 
     def _watch(self, message: Watch | WatchValues, browser: str) -> None:
         if isinstance(message, Watch):

@@ -147,6 +147,20 @@ class StartRun(_AnsweredMessage):
     parameters: dict[Word, Scalar | Annotated[tuple[Scalar, ...], Field(strict=False)]] = Field(default={})
 
 
+class ListPlans(_AnsweredMessage):
+    """List the plans of agents that wait for a decision."""
+
+    do: Literal["plans"]
+
+
+class DecidePlan(_AnsweredMessage):
+    """Approve or refuse the plan of an agent."""
+
+    do: Literal["decide"]
+    hash: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+    approve: bool
+
+
 class ControlRun(_AnsweredMessage):
     """Control the run."""
 
@@ -169,13 +183,15 @@ Message = Annotated[
     | ResumeAll
     | ReloadFleet
     | StartRun
+    | ListPlans
+    | DecidePlan
     | ControlRun,
     Field(discriminator="do"),
 ]
 
 _ROLES: Final[Mapping[type, Role]] = {
     **dict.fromkeys((CallResource, CommandRobots, SendRobot, StopAll, ResumeAll, DriveRobot, ReleaseRobot), Role.DRIVE),
-    **dict.fromkeys((StartRun, ControlRun), Role.RUN),
+    **dict.fromkeys((StartRun, ControlRun, DecidePlan), Role.RUN),
     ReloadFleet: Role.ADMINISTER,
 }
 

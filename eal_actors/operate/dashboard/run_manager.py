@@ -20,8 +20,9 @@ from eal_actors.kernel.errors import (
     error_text,
 )
 from eal_actors.kernel.log import get_logger
+from eal_actors.operate.agents.plans import PlanStore, StoredPlan
 from eal_actors.operate.dashboard.control import WHOLE, DashboardContext
-from eal_actors.operate.dashboard.run_record import REPORT, RunRecord
+from eal_actors.operate.run_record import REPORT, RunRecord
 from eal_actors.scenario import (
     Checkpoint,
     LogLine,
@@ -63,6 +64,7 @@ class RunManager:
         self._fleet, self._store, self._steps, self._control = context
         self._folder = folder
         self._runs_dir = runs_dir
+        self._plans = PlanStore(runs_dir) if runs_dir is not None else None
         self._lock = threading.Lock()
         self._run: Run | None = None
         self._future: Future[Report] | None = None
@@ -76,6 +78,21 @@ class RunManager:
     def list_scenarios(self) -> list[dict[str, Any]]:
         """Return the files, parameters and roles of the folder's scenarios, or their problems."""
         return [_describe_scenario(file) for file in self._files().values()]
+
+    def list_plans(self) -> list[dict[str, Any]]:
+        """Return the plans of agents that wait for a decision. Thread: blocks on files."""
+        return [] if self._plans is None else [_describe_plan(plan) for plan in self._plans.waiting()]
+
+    def decide(self, plan: str, who: str, *, is_approved: bool) -> None:
+        """Approve or refuse the plan of an agent. Thread: blocks on files.
+
+        Raises:
+            ScenarioError: the dashboard keeps no runs, or the plan does not wait for a decision.
+            ArgumentError: there is no such plan.
+        """
+        if self._plans is None:
+            raise ScenarioError("the dashboard has no folder of runs, where plans are")
+        self._plans.decide(self._plans.find(plan), who, is_approved=is_approved)
 
     def _files(self) -> Mapping[str, Path]:
         if self._folder is None or not self._folder.is_dir():
@@ -256,6 +273,11 @@ class RunManager:
     def _set_status(self, status: dict[str, Any]) -> None:
         self._status = status
         self._store.put("run", {"": status})
+
+
+def _describe_plan(plan: StoredPlan) -> dict[str, Any]:
+    kept = plan.model_dump(mode="json", include={"hash", "name", "agent", "text", "parameters", "robots"})
+    return {**kept, "duration_s": plan.rehearsal["duration_s"]}
 
 
 def _describe_scenario(file: Path) -> dict[str, Any]:

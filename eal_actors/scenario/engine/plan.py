@@ -10,7 +10,7 @@ from eal_actors.actors.handles import RobotHandle
 from eal_actors.device.info import ResourceInfo
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ConfigError, EALError, RobotFailedError, UnavailableError
-from eal_actors.scenario.language.binding import Binding, RobotFacts, Wishes, bind, find_candidates
+from eal_actors.scenario.language.binding import Binding, RobotFacts, Wishes, bind, match_roles
 from eal_actors.scenario.language.parameters import missing_parameters, with_parameters
 from eal_actors.scenario.language.robot_check import check_on_robots
 from eal_actors.scenario.language.scenario import Scenario
@@ -66,16 +66,20 @@ def make_plan(
     Thread: any; does not block.
     """
     scenario = with_parameters(scenario, parameters or {})
-    if missing := missing_parameters(scenario.file, scenario.parameters, scenario.tree):
-        raise ConfigError(missing)
-    candidates = find_candidates(scenario, fleet.config, binding)
+    missing = missing_parameters(scenario.file, scenario.parameters, scenario.tree)
+    candidates, unbound = match_roles(scenario, fleet.config, binding)
+    if missing:
+        raise ConfigError([*missing, *unbound])
     errors, facts = _inspect(fleet, {name for names in candidates.values() for name in names})
-    bound = bind(scenario, fleet.config, candidates, facts, binding)
+    bound, unfit = bind(scenario, fleet.config, candidates, facts, binding)
     robots = tuple(name for name in fleet.config.robots if name in bound.robots)
     lost = {name: errors[name] for name in robots if name in errors}
-    _check_lost(scenario, bound, lost)
+    if not unbound:
+        _check_lost(scenario, bound, lost)
     python = PythonFunctions.of(scenario, fleet.config)
     if problems := [
+        *unbound,
+        *unfit,
         *python.problems,
         *shared_robots(scenario, bound.roles),
         *check_on_robots(
@@ -96,7 +100,7 @@ def make_plan(
 def _inspect(fleet: Fleet, names: AbstractSet[str]) -> tuple[dict[str, EALError], dict[str, RobotFacts]]:
     """Return the errors of robots that did not start, and the abilities of all others, by name."""
     errors = {name: error for name in names if (error := _start_error(fleet[name])) is not None}
-    facts = {name: _facts(fleet[name]) for name in fleet.config.robots if name in names and name not in errors}
+    facts = {name: robot_facts(fleet[name]) for name in fleet.config.robots if name in names and name not in errors}
     return errors, facts
 
 
@@ -123,7 +127,8 @@ def _check_lost(scenario: Scenario, bound: Binding, lost: Mapping[str, EALError]
             raise RobotFailedError(f"{first.message}{others}{wanted}", robot=first.robot)
 
 
-def _facts(robot: RobotHandle) -> RobotFacts:
+def robot_facts(robot: RobotHandle) -> RobotFacts:
+    """Return the abilities of a started robot."""
     resources: dict[str, ResourceInfo] = {}
     left_out = [problem.message for problem in robot.problems]
     for name, resource in robot.items():

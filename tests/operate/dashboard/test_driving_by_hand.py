@@ -89,3 +89,29 @@ def test_keys_do_nothing_before_they_are_armed(open_page: OpenPage, dashboard: D
         page.keyboard.press("Escape")  # after which the server has heard everything before it
         expect(page.locator("#stopped")).to_be_visible()
         assert base.twists == 0
+
+
+PAD = """
+window.pad = { connected: true, mapping: 'standard', axes: [0, -1, 0, 0],
+               buttons: Array.from({ length: 17 }, () => ({ pressed: false })) };
+navigator.getGamepads = () => [window.pad];
+"""
+"""A gamepad in the form of the Gamepad API: Chromium has no way to plug one in."""
+
+
+def test_a_gamepad_drives_while_its_dead_man_button_is_held(driving: Page, fleet: Fleet) -> None:
+    base = resource_of(fleet, "one", "Base")
+    driving.evaluate(PAD)
+    for end in ("window.pad.buttons[5].pressed = false", "window.pad.connected = false"):
+        driving.evaluate("window.pad.connected = true; window.pad.buttons[5].pressed = true")
+        with base.changed:
+            before = base.twists
+        wait_for(base, lambda: base.twists >= before + 2 and base.twist[0] > 0)  # noqa: B023
+        driving.evaluate(end)
+        halted(base)
+    with base.changed:
+        twists = base.twists
+    driving.evaluate("window.pad.connected = true")  # the stick alone moves nothing
+    driving.keyboard.press("Escape")
+    expect(driving.locator("#stopped")).to_be_visible()
+    assert base.twists == twists

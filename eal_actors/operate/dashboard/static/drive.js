@@ -3,6 +3,7 @@
 
 import { send } from "./connection.js";
 import { el, setText } from "./dom.js";
+import { GamepadReader } from "./gamepad.js";
 import { store } from "./store.js";
 
 /** @import { DriveError } from "./types" */
@@ -23,8 +24,9 @@ const KEYS = {
 /** @type {(Direction | null)[]} */
 const PAD = [null, "ahead", null, "left", null, "right", null, "back", null];
 const SIGNS = { ahead: "▲ W", back: "▼ S", left: "◀ A", right: "D ▶" };
-const HINT_ARMED = "Hold W A S D or an arrow key to drive. The robot halts when you release it.";
-const HINT_UNARMED = "Press the button to drive with W A S D or the arrow keys, or hold an arrow here.";
+const HINT_ARMED =
+  "Hold W A S D or an arrow key, or a gamepad's shoulder button with its left stick. The robot halts when you release it.";
+const HINT_UNARMED = "Press the button to drive with keys or a gamepad, or hold an arrow here.";
 // Each time that keys are held has a number. Numbers grow, also after a reload of the page.
 let lastPress = Date.now();
 /** @type {DrivePanel | null} */
@@ -59,6 +61,9 @@ export class DrivePanel {
   timer = null;
   /** Whether an error ended this press: nothing moves until all keys are up and one is pressed again. */
   hasFailed = false;
+  /** @type {{ ahead: number, left: number } | null} The stick of a gamepad whose dead-man button is held. */
+  stick = null;
+  gamepad = new GamepadReader((stick) => this.onStick(stick));
   /** @type {Map<Direction, HTMLButtonElement>} */
   buttons = new Map();
 
@@ -110,6 +115,7 @@ export class DrivePanel {
   }
 
   leave() {
+    this.gamepad.set(false);
     this.release();
     window.removeEventListener("keydown", this.onKeyDown);
     window.removeEventListener("keyup", this.onKeyUp);
@@ -120,6 +126,7 @@ export class DrivePanel {
   setArmed(isArmed) {
     this.release();
     this.isArmed = isArmed && store.mayCommand();
+    this.gamepad.set(this.isArmed);
     this.arm.setAttribute("aria-pressed", String(this.isArmed));
     this.node.classList.toggle("driving", this.isArmed);
     this.showHint();
@@ -153,6 +160,11 @@ export class DrivePanel {
     }
     this.held.add(direction);
     this.showHeld();
+    this.begin();
+  }
+
+  /** Begin a press, unless there is one or an error ended it, and send. */
+  begin() {
     if (this.hasFailed) return;
     if (this.timer === null) {
       this.pressNumber = ++lastPress;
@@ -166,8 +178,16 @@ export class DrivePanel {
   lift(direction) {
     if (!this.held.delete(direction)) return;
     this.showHeld();
-    if (this.held.size === 0) this.release();
+    if (this.held.size === 0 && !this.stick) this.release();
     else if (!this.hasFailed) this.send();
+  }
+
+  /** @param {{ ahead: number, left: number } | null} stick */
+  onStick(stick) {
+    if (!store.mayCommand()) return;
+    this.stick = stick;
+    if (stick) this.begin();
+    else if (this.held.size === 0) this.release();
   }
 
   send() {
@@ -176,20 +196,22 @@ export class DrivePanel {
       do: "drive",
       robot: this.robot,
       press: this.pressNumber,
-      speed_m_s: this.axis("ahead", "back") * this.speed.value(),
-      turn_rad_s: this.axis("left", "right") * this.turn.value(),
+      speed_m_s: this.axis("ahead", "back", this.stick?.ahead) * this.speed.value(),
+      turn_rad_s: this.axis("left", "right", this.stick?.left) * this.turn.value(),
     });
     if (!isSent) this.fail("there is no connection");
   }
 
-  /** @param {Direction} plus @param {Direction} minus */
-  axis(plus, minus) {
-    return Number(this.held.has(plus)) - Number(this.held.has(minus));
+  /** @param {Direction} plus @param {Direction} minus @param {number} [stick] */
+  axis(plus, minus, stick = 0) {
+    const keys = Number(this.held.has(plus)) - Number(this.held.has(minus));
+    return Math.max(-1, Math.min(1, keys + stick));
   }
 
   release() {
     if (this.stopTimer()) send({ do: "release", robot: this.robot });
     this.held.clear();
+    this.stick = null;
     if (!this.hasFailed) this.showHint();
     this.hasFailed = false;
     this.showHeld();

@@ -3,6 +3,7 @@
 import { request } from "./connection.js";
 import { el, formatSeconds, setText } from "./dom.js";
 import { describeRange, parameterField } from "./fields.js";
+import { PlansPanel } from "./plans.js";
 import { store } from "./store.js";
 import { Timeline } from "./timeline.js";
 
@@ -24,6 +25,7 @@ let lastFile = null;
 /** @param {HTMLElement} root @returns {View} */
 export function scenarioView(root) {
   const form = new ScenarioForm();
+  const plans = new PlansPanel();
   const status = new RunStatus();
   const canvas = el("canvas", { role: "img", "aria-label": "Timeline of the run" });
   const frame = el("div", { class: "panel timeline", tabIndex: 0 }, canvas);
@@ -32,7 +34,7 @@ export function scenarioView(root) {
   const notesPanel = el("div", { class: "panel stack" }, heading, notes);
   root.append(
     el("h1", {}, "Scenario"),
-    el("div", { class: "split" }, form.node, el("div", { class: "stack" }, status.node, frame, notesPanel)),
+    el("div", { class: "split" }, form.node, el("div", { class: "stack" }, plans.node, status.node, frame, notesPanel)),
   );
   let timeline = new Timeline();
   /** @type {RunEvent | undefined} */
@@ -83,6 +85,7 @@ export function scenarioView(root) {
     update,
     leave() {
       clearInterval(timer);
+      plans.leave();
       observer.disconnect();
     },
   };

@@ -31,6 +31,17 @@ export interface Hello {
   why: string | null;
 }
 
+/** A plan of an agent that waits for a decision. */
+export interface AgentPlan {
+  hash: string;
+  name: string;
+  agent: string;
+  text: string;
+  parameters: Record<string, Value | Value[]>;
+  robots: string[];
+  duration_s: number;
+}
+
 /** Each includes those before it. */
 export type Role = "watch" | "drive" | "run" | "administer";
 
@@ -279,6 +290,8 @@ export interface Requests {
   resume: object;
   reload: object;
   start: { file: string; parameters: Record<string, Value | Value[]> };
+  plans: object;
+  decide: { hash: string; approve: boolean };
   control: { what: string };
 }
 
@@ -293,6 +306,8 @@ export interface Answers {
   resume: { confirmed: string[] };
   reload: { changes: string };
   start: object;
+  plans: { plans: AgentPlan[] };
+  decide: object;
   control: object;
 }
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from plugins.roomba.bodies import FreeRoombaBody
 from plugins.roomba.link import SerialLink
 from plugins.roomba.oi import WHEELBASE_M
-from plugins.roomba.oi_driver import STREAMED, OiDriver
+from plugins.roomba.oi_driver import OiDriver
 from plugins.roomba.oi_emulator import OiEmulator
 from plugins.roomba.sci import Mode
 from tests.unit.plugins.roomba.rig import MemoryPort, Rig
 
-STREAM = bytes([148, len(STREAMED), *STREAMED])
+STREAM = bytes([148, 8, 1, 18, 3, 35, 41, 42, 43, 44])
 
 
 class OiRig(Rig):

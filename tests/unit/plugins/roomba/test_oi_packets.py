@@ -69,6 +69,10 @@ def test_any_bytes_never_crash_the_reader_and_a_frame_after_them_is_read(data: b
     assert found[-1] == {29: 537, 13: 0}
 
 
+def test_a_false_header_does_not_hold_the_next_frame_back() -> None:
+    assert StreamReader((29, 13)).feed(bytes([19, 255]) + EXAMPLE) == [{29: 537, 13: 0}]
+
+
 @given(st.lists(values_of_packets, min_size=1, max_size=5), st.integers(1, 30))
 def test_frames_come_back_however_they_are_cut_and_glued(frames: list[dict[int, int]], size: int) -> None:
     data = b"".join(stream_frame(values) for values in frames)

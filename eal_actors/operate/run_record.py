@@ -1,4 +1,4 @@
-"""RunRecord: the record of a run that the page started, the same as that of `eal run`."""
+"""RunRecord: the record of a run that the dashboard or an agent started, the same as that of `eal run`."""
 
 from __future__ import annotations
 
@@ -42,9 +42,7 @@ class RunRecord:
 
     def finish_after(self, run: Future[Report], on_report: Callable[[Path], None]) -> None:
         """Finish the record at the end of the run, in its own thread, and call back with the report page."""
-        self._thread = threading.Thread(
-            target=self._finish, args=(run, on_report), name="dashboard record", daemon=True
-        )
+        self._thread = threading.Thread(target=self._finish, args=(run, on_report), name="run record", daemon=True)
         self._thread.start()
 
     def cancel(self) -> None:

@@ -1,0 +1,149 @@
+"""FleetReader: what agents may read: the fleet, its robots, their values and pictures, runs, scenarios and pages.
+
+All answers are data. Texts in them, such as names and messages, come from people and robots; nothing follows them.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any, Final
+
+from eal_actors.actors.handles import RobotHandle
+from eal_actors.device.data import EALData
+from eal_actors.device.info import ResourceInfo
+from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.bundled import bundled_names, bundled_path, find_file
+from eal_actors.kernel.errors import ArgumentError, EALError, RobotNotFoundError
+from eal_actors.operate.dashboard.fleet_poller import infos_of
+from eal_actors.operate.dashboard.state_store import to_json_value
+from eal_actors.operate.dashboard.values import is_live
+from eal_actors.recording import RunFolder
+from eal_actors.wire.format.images import encode_image
+
+_ANSWER_S: Final = 2.0
+"""Real seconds for a resource's answer."""
+_PICTURE_S: Final = 10.0
+_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+_MAX_RUNS: Final = 100
+_PAGES: Final = ("agents", "scenarios", "glossary")
+
+
+class FleetReader:
+    """Reads a connected fleet and its folder of runs. Thread: any; blocks for bounded times."""
+
+    def __init__(self, fleet: Fleet, runs_dir: Path) -> None:
+        self._fleet = fleet
+        self._runs_dir = runs_dir
+
+    def fleet(self) -> dict[str, Any]:
+        """Return the fleet: its robots with state, tags and type, its clock and the places of its world."""
+        config = self._fleet.config
+        world = config.world
+        robots = {name: self._summary(robot) for name, robot in self._fleet.items()}
+        places = {} if world is None else to_json_value(world.model_dump(mode="json").get("places", {}))
+        return {"name": config.name, "now_s": self._fleet.clock.now(), "places": places, "robots": robots}
+
+    def _summary(self, robot: RobotHandle) -> dict[str, Any]:
+        config = self._fleet.config.robots[robot.name]
+        return {
+            "state": robot.state.name.lower(),
+            "type": config.type,
+            "tags": sorted(config.tags),
+            "resources": list(robot),
+            "problems": [problem.message for problem in robot.problems],
+        }
+
+    def robot(self, name: str) -> dict[str, Any]:
+        """Return a robot's resources: their commands with units and ranges, requests and configuration keys."""
+        robot = self._robot(name)
+        return {**self._summary(robot), "resources": {n: to_json_value(info.to_dict()) for n, info in infos_of(robot)}}
+
+    def values(self, name: str) -> dict[str, Any]:
+        """Return a robot's small values, such as its pose and its battery, each with its stamp or its error."""
+        robot = self._robot(name)
+        answers = {n: robot[n].get_value() for n, info in infos_of(robot) if is_live(info)}
+        found: dict[str, Any] = {}
+        for resource, answer in answers.items():
+            try:
+                found[resource] = _value(answer.get(timeout=self._fleet.clock.of_real(_ANSWER_S)))
+            except EALError as error:
+                found[resource] = {"error": error.message}
+        return found
+
+    def picture(self, name: str, resource: str) -> bytes:
+        """Return a camera's picture as JPEG.
+
+        Raises:
+            EALError: there is no such camera, or it does not answer.
+        """
+        robot = self._robot(name)
+        info = robot[resource].info
+        if not _is_camera(info):
+            raise ArgumentError(f"{resource} of {name} takes no pictures")
+        data = robot[resource].get_value().get(timeout=self._fleet.clock.of_real(_PICTURE_S))
+        return encode_image(data, "jpeg")
+
+    def runs(self) -> list[str]:
+        """Return the names of the newest runs, the newest first."""
+        folders = [file.parent for file in self._runs_dir.glob("*/events.jsonl")]
+        newest = sorted(folders, key=lambda folder: folder.stat().st_mtime, reverse=True)
+        return [folder.name for folder in newest[:_MAX_RUNS]]
+
+    def run(self, name: str) -> dict[str, Any]:
+        """Return the summary of a run.
+
+        Raises:
+            EALError: there is no such run, or it has not ended.
+        """
+        summary = RunFolder.open(self._runs_dir / _checked(name)).summary
+        if summary is None:
+            raise ArgumentError(f"run {name} has no summary: it has not ended, or its controller crashed")
+        return summary.model_dump(mode="json")
+
+    @staticmethod
+    def scenario(name: str) -> str:
+        """Return the text of a bundled scenario.
+
+        Raises:
+            ConfigError: there is none of this name.
+        """
+        return find_file(_checked(name), "scenario", bundled_path("scenarios")).read_text(encoding="utf-8")
+
+    @staticmethod
+    def scenarios() -> list[str]:
+        """Return the names of the bundled scenarios."""
+        return list(bundled_names("scenario"))
+
+    @staticmethod
+    def page(name: str) -> str:
+        """Return a page of the documentation.
+
+        Raises:
+            ArgumentError: there is none of this name.
+        """
+        if name not in _PAGES:
+            raise ArgumentError(f"no page {name!r}; there are {', '.join(_PAGES)}")
+        return bundled_path(f"docs/{name}.md").read_text(encoding="utf-8")
+
+    def _robot(self, name: str) -> RobotHandle:
+        if name not in self._fleet:
+            raise RobotNotFoundError(f"there is no robot {name!r}; there are {', '.join(self._fleet)}")
+        return self._fleet[name]
+
+
+def _checked(name: str) -> str:
+    """Return a name that is no path."""
+    if not _NAME.fullmatch(name):
+        raise ArgumentError(f"{name!r} is no name")
+    return name
+
+
+def _is_camera(info: ResourceInfo) -> bool:
+    shape = () if info.value is None else info.value.shape
+    return len(shape) == 3 and shape[-1] == 3  # rows, columns and colours
+
+
+def _value(data: EALData) -> dict[str, Any]:
+    value = data.value.tolist() if hasattr(data.value, "tolist") else data.value
+    return {"value": to_json_value(value), "unit": data.unit, "stamp_s": data.stamp_s}

@@ -1,0 +1,167 @@
+"""The gate between agents and motions, in this process."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator
+from datetime import timedelta
+from pathlib import Path
+
+import pytest
+
+from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.bundled import bundled_path
+from eal_actors.kernel.errors import AccessDeniedError, ArgumentError, ConfigError, EALError, ScenarioError
+from eal_actors.operate.agents import PlanGate, PlanStore, StoredPlan
+from eal_actors.operate.agents.examination import dry_run, read_plan
+from eal_actors.operate.agents.gate import describe_problems
+from eal_actors.operate.agents.policy import load_policy
+from tests.operate.agents.agent import FLEET, PLACE, PLAN, POLICY, mutate
+
+SEED = 3
+
+
+@pytest.fixture
+def fleet(tmp_path: Path) -> Iterator[Fleet]:
+    file = tmp_path / "hall.yaml"
+    file.write_text(FLEET, encoding="utf-8")
+    with Fleet.load(file).connect() as fleet:
+        yield fleet
+
+
+@pytest.fixture
+def gate(fleet: Fleet, tmp_path: Path) -> PlanGate:
+    return PlanGate(fleet, tmp_path)
+
+
+def places(fleet: Fleet) -> list[list[float]]:
+    return [robot["TruePose"].get_value().get().value.tolist() for robot in fleet.values()]
+
+
+def refusal(gate: PlanGate, plan: str) -> list[str]:
+    """Return the lines with which a plan is refused; none if it has no problems."""
+    try:
+        gate.examine(plan, {})
+    except EALError as error:
+        return describe_problems(error)
+    return []
+
+
+def test_mutated_plans_are_refused_with_a_place_and_move_nothing(fleet: Fleet, gate: PlanGate, tmp_path: Path) -> None:
+    random_, before, refused = random.Random(SEED), places(fleet), 0  # noqa: S311
+    for number in range(60):
+        plan = mutate(PLAN, random_)
+        lines = refusal(gate, plan)
+        refused += bool(lines)
+        assert all(map(PLACE.match, lines)), (SEED, number, plan, lines)
+        for word in ("approved", "*", "0" * 64, ""):
+            with pytest.raises(EALError):
+                gate.start(word)
+    assert refused > 20
+    assert places(fleet) == before
+    assert not list(tmp_path.glob("*/events.jsonl"))
+
+
+def test_a_plan_is_one_file_without_code(gate: PlanGate) -> None:
+    for step in ("scenario: dance", "scenario: /etc/passwd", "python: os:system"):
+        with pytest.raises(ConfigError, match=r"plan\.yaml:1\d:\d+: "):
+            gate.examine(PLAN.replace("wait_s: 0.1", step), {})
+
+
+def kept_plan(gate: PlanGate, text: str = PLAN) -> StoredPlan:
+    """Keep a plan as `submit` does after its rehearsal."""
+    plan, lines = gate.examine(text, {})
+    stored = gate.describe(plan, lines, text, {}, "a test", {"runs": [], "duration_s": 1.0})
+    gate.store.keep(stored)
+    return stored
+
+
+def test_a_plan_waits_for_a_decision_that_counts_once_and_expires(gate: PlanGate) -> None:
+    stored, store = kept_plan(gate), gate.store
+    with pytest.raises(AccessDeniedError, match="is waiting: a person approves it with `eal approve "):
+        gate.start(stored.hash)
+    store.decide(stored, "user tester", is_approved=True, valid_min=0)
+    with pytest.raises(AccessDeniedError, match="is expired"):
+        gate.start(stored.hash)
+    with pytest.raises(ScenarioError, match="does not wait for a decision: it is expired"):
+        store.decide(stored, "user tester", is_approved=True)
+    store.keep(stored)
+    store.decide(stored, "user tester", is_approved=False)
+    with pytest.raises(AccessDeniedError, match="is refused"):
+        gate.start(stored.hash)
+    store.keep(stored)
+    store.decide(stored, "user tester", is_approved=True)
+    store.use(stored)
+    with pytest.raises(AccessDeniedError, match="is used"):
+        gate.start(stored.hash)
+
+
+def test_a_plan_that_was_changed_or_is_for_another_fleet_does_not_run(gate: PlanGate) -> None:
+    stored = kept_plan(gate)
+    changed = stored.model_copy(update={"text": stored.text.replace("20", "90")})
+    gate.store.keep(changed)
+    gate.store.decide(changed, "user tester", is_approved=True)
+    with pytest.raises(AccessDeniedError, match="was changed"):
+        gate.start(changed.hash)
+
+
+def test_a_decision_of_another_hash_or_a_damaged_one_does_not_count(gate: PlanGate, tmp_path: Path) -> None:
+    first, second = kept_plan(gate), kept_plan(gate, PLAN.replace("greet", "meet"))
+    gate.store.decide(first, "user tester", is_approved=True)
+    file = tmp_path / "plans" / second.hash / "decision.json"
+    file.write_bytes((tmp_path / "plans" / first.hash / "decision.json").read_bytes())
+    assert gate.store.state(second) == "waiting"
+    file.write_text('{"is_approved": true}', encoding="utf-8")
+    assert gate.store.state(second) == "waiting"
+    with pytest.raises(ArgumentError, match="is no hash"):
+        gate.start("../" + first.hash)
+
+
+def test_old_plans_no_longer_wait(tmp_path: Path, gate: PlanGate) -> None:
+    stored = kept_plan(gate)
+    gate.store.keep(stored.model_copy(update={"submitted": stored.submitted - timedelta(days=2)}))
+    assert PlanStore(tmp_path).state(gate.store.find(stored.hash)) == "expired"
+
+
+NOT_ALLOWED = (
+    ("r${angle * turn}", "r${40 * turn}", "r 80 is not within 0 and 60"),
+    ("r${angle * turn}", "f0.1", "Base f"),
+    ("wait_s: 0.1", "go_to: {x_m: 1, y_m: 1}", "a step 'go_to'"),
+    ("wait_s: 0.1", "set_value: {resource: Base, value: [0.1, 0.0]}", "Base set_value"),
+    ("wait_s: 0.1", "set_config: {resource: Base, key: speed_m_s, value: 0.1}", "set_config"),
+    ("angle * turn", "10 + 0 * value('Odometry')[0]", "known only during the run"),
+)
+
+
+def test_the_policy_of_the_page_is_valid(tmp_path: Path) -> None:
+    page = bundled_path("docs/agents.md").read_text(encoding="utf-8")
+    (tmp_path / "policy.yaml").write_text(page.partition("```yaml\n")[2].partition("```")[0], encoding="utf-8")
+    assert load_policy(tmp_path / "policy.yaml")
+
+
+def test_a_policy_allows_only_what_it_names(fleet: Fleet, tmp_path: Path) -> None:
+    file = tmp_path / "policy.yaml"
+    file.write_text(POLICY, encoding="utf-8")
+    policy = load_policy(file)
+    plan, _ = dry_run(read_plan(PLAN, {}), fleet)
+    assert policy.judge(plan, fleet, 5)[0] is not None
+    assert policy.judge(plan, fleet, 31)[0] is None
+    for old, new, reason in NOT_ALLOWED:
+        other, _ = dry_run(read_plan(PLAN.replace(old, new), {}), fleet)
+        rule, problems = policy.judge(other, fleet, 5)
+        assert rule is None, new
+        assert any(reason in str(problem) and PLACE.match(str(problem)) for problem in problems), problems
+
+
+@pytest.mark.slow
+def test_an_approved_plan_runs_within_the_time_of_its_policy(fleet: Fleet, tmp_path: Path) -> None:
+    file = tmp_path / "policy.yaml"
+    file.write_text(POLICY.replace("max_duration_s: 30", "max_duration_s: 1"), encoding="utf-8")
+    gate = PlanGate(fleet, tmp_path, load_policy(file))
+    before = places(fleet)
+    stored = kept_plan(gate)
+    gate.store.decide(stored, "policy rule 'small turns'", is_approved=True)
+    gate.start(stored.hash)
+    assert "longer than the 1 s that the policy allows" in gate.status(60)["error"]
+    gate.close()
+    assert places(fleet) != before
