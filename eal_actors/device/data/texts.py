@@ -8,7 +8,8 @@ from eal_actors.device.data.c_types import SHOWN_BYTES, SHOWN_ELEMENTS, TEXT, Da
 from eal_actors.device.data.storage import unpack
 
 if TYPE_CHECKING:
-    from eal_actors.device.data.value import EALData, ValueInfo
+    from eal_actors.device.data.value import EALData
+    from eal_actors.device.data.value_info import ValueInfo
 
 
 def data_text(data: EALData) -> str:
