@@ -5,8 +5,7 @@ with Fleet.load("fleets/sim.yaml") as fleet:
 """
 
 from eal_actors.scenario.engine.plan import Plan, make_plan
-from eal_actors.scenario.engine.run import Run
-from eal_actors.scenario.engine.whole_run import run_scenario
+from eal_actors.scenario.engine.run import Run, run_scenario
 from eal_actors.scenario.language.loading import check_scenario, load_scenario, parse_scenario, scenario_schema
 from eal_actors.scenario.language.scenario import Scenario
 from eal_actors.scenario.report.events import (

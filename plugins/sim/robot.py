@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+import types
 import zlib
 from collections.abc import Callable
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import pymunk
 
-from eal_actors.plugin import Localizer, UnavailableError, WheelCalibration
+from eal_actors.plugin import Activity, Localizer, ResourceFaultError, UnavailableError, WheelCalibration
 
 from .arena import Pose2D, QuerySpace
 from .battery import SimBattery
@@ -25,6 +26,8 @@ REPORT_TICKS: Final = 2
 """A driven robot notes its odometry for the pose estimate every so many ticks."""
 _MOST_REPORTS: Final = 512
 """Notes after which the pose estimate hears of them; it does before somebody reads it too."""
+_REVIVAL_POLL_S: Final = 60.0
+"""Poll interval of an interrupted activity of a dead robot, until the robot is alive again."""
 
 
 class SimRobot:
@@ -329,22 +332,10 @@ class SimRobot:
         wheels = self._wheels.state()
         odometer = (self._odometer or WheelOdometer(self.make.track_m, (0.0, 0.0))).state(self._calibration)
         self.free = free
-        return FreeState._make(
-            (
-                *self._pose,
-                *self._last_pose,
-                *self._pose_before_last,
-                *self._command_m,
-                *self._wanted,
-                *wheels,
-                *odometer,
-                *self._battery.limits,
-                self.make.max_speed_m_s * self.tick_s,
-                *regular,
-                *odometer[0:3],
-                0.0,
-            )
-        )
+        poses = *self._pose, *self._last_pose, *self._pose_before_last
+        travel = *self._command_m, *self._wanted, *wheels, *odometer, *self._battery.limits
+        limit_m = self.make.max_speed_m_s * self.tick_s
+        return FreeState._make((*poses, *travel, limit_m, *regular, *odometer[0:3], 0.0))
 
     def leave(self) -> None:
         """Take its state back from the array, if one has it."""
@@ -374,6 +365,32 @@ class SimRobot:
             self._odometer.adopt(*state[24:29])
         if self._motion is not None:
             self._motion.skip(ticks, state.travelled_m)
+
+    def require_working(self, resource: str) -> None:
+        """Raise ResourceFaultError if an injected fault lets a resource fail. Thread: any."""
+        if resource in self._faults.failing:
+            raise ResourceFaultError(f"injected fault: {resource} fails")
+
+    def actuate(self, method: Callable[..., Any], actuator: str, *args: Any) -> Any:
+        """Call a method of an actuator. If the robot dies during the activity, its result is lost. Thread: any."""
+        self.require_working(actuator)
+        begun = method(*args)
+        return self._run_while_alive(begun, actuator) if isinstance(begun, types.GeneratorType) else begun
+
+    def _run_while_alive(self, activity: Activity, actuator: str) -> Activity:
+        try:
+            result = yield from activity
+        except UnavailableError:
+            self.require_working(actuator)
+            if not self.is_dead:
+                raise
+            result = None
+        self.require_working(actuator)
+        if not self.is_dead:
+            return result
+        while self.is_dead:
+            yield _REVIVAL_POLL_S
+        raise UnavailableError(f"robot {self.name!r} was dead meanwhile")
 
     def _no_place(self) -> UnavailableError:
         return UnavailableError(f"the simulated world has no free place for robot {self.name!r}")

@@ -9,7 +9,7 @@ from eal_actors.device.data.storage import unpack
 
 if TYPE_CHECKING:
     from eal_actors.device.data.value import EALData
-    from eal_actors.device.data.value_info import ValueInfo
+    from eal_actors.device.info import ValueInfo
 
 
 def data_text(data: EALData) -> str:

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import types
 from collections.abc import Callable
 from functools import partial
-from typing import Any, ClassVar, Final, TypeVar
+from typing import Any, ClassVar, TypeVar
 
-from eal_actors.plugin import Activity, EALData, Resource, ResourceFaultError, ResourceType, UnavailableError
+from eal_actors.plugin import EALData, Resource, ResourceType, UnavailableError
 
 from ..robot import SimRobot
 from ..world import SimWorld
 
 _R = TypeVar("_R", bound=Resource)
-_REVIVAL_POLL_S: Final = 60.0
-"""Poll interval of an interrupted activity of a dead robot, until the robot is alive again."""
 
 
 class RobotResource(Resource):
@@ -59,7 +56,7 @@ def apply_faults(resource: _R, robot: SimRobot) -> _R:
         for method in ("get_value", "send_req"):
             setattr(resource, method, _freezable(getattr(resource, method), name, robot))
     for method in ("set_value", "send_cmd"):
-        setattr(resource, method, partial(_actuate, robot, getattr(resource, method), name))
+        setattr(resource, method, partial(robot.actuate, getattr(resource, method), name))
     return resource
 
 
@@ -70,38 +67,9 @@ def _freezable(method: Callable[..., Any], sensor: str, robot: SimRobot) -> Call
     def answer(*args: Any) -> Any:
         if robot.is_dead:
             raise UnavailableError(f"robot {robot.name!r} is dead")
-        _require_working(robot, sensor)
+        robot.require_working(sensor)
         if sensor not in robot.faults.frozen or args not in last:
             last[args] = method(*args)
         return last[args]
 
     return answer
-
-
-def _require_working(robot: SimRobot, resource: str) -> None:
-    """Raise ResourceFaultError if an injected fault lets a resource fail."""
-    if resource in robot.faults.failing:
-        raise ResourceFaultError(f"injected fault: {resource} fails")
-
-
-def _actuate(robot: SimRobot, method: Callable[..., Any], actuator: str, *args: Any) -> Any:
-    """Call a method of an actuator. If the robot dies during the activity, its result is lost."""
-    _require_working(robot, actuator)
-    begun = method(*args)
-    return _run_while_alive(robot, begun, actuator) if isinstance(begun, types.GeneratorType) else begun
-
-
-def _run_while_alive(robot: SimRobot, activity: Activity, actuator: str) -> Activity:
-    try:
-        result = yield from activity
-    except UnavailableError:
-        _require_working(robot, actuator)
-        if not robot.is_dead:
-            raise
-        result = None
-    _require_working(robot, actuator)
-    if not robot.is_dead:
-        return result
-    while robot.is_dead:
-        yield _REVIVAL_POLL_S
-    raise UnavailableError(f"robot {robot.name!r} was dead meanwhile")
