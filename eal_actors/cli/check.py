@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import typer
 from rich.text import Text
@@ -21,8 +21,13 @@ from eal_actors.device.world import load_world
 from eal_actors.kernel.bundled import find_files
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.yaml_source import load_yaml
-from eal_actors.managers.config import EALConfigManager, fleet_schema, manifest_schema, world_schema
+from eal_actors.managers.catalogue import catalogue_schema
+from eal_actors.managers.config import EALConfigManager, manifest_schema, world_schema
+from eal_actors.managers.plugins import EALPluginManager
 from eal_actors.scenario import load_scenario, scenario_schema
+
+_SCHEMAS: Final = "https://github.com/eal-actors/eal-actors/schemas"
+"""The beginning of the schemas' identifiers, which are names: nothing is served there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +53,18 @@ def print_schema(
     ],
 ) -> None:
     """Print the JSON Schema of a kind of file, for editors that complete and check it."""
-    makers = {"fleet": fleet_schema, "scenario": scenario_schema, "world": world_schema, "plugin": manifest_schema}
-    write_json(makers[kind]())
+    write_json(schema_of(kind))
+
+
+def schema_of(kind: str) -> dict[str, Any]:
+    """Return the JSON Schema of a kind of file; that of fleets has the settings of the plugins that are installed."""
+    makers: dict[str, Callable[[], dict[str, Any]]] = {
+        "fleet": lambda: catalogue_schema(EALPluginManager()),
+        "scenario": scenario_schema,
+        "world": world_schema,
+        "plugin": manifest_schema,
+    }
+    return {"$id": f"{_SCHEMAS}/{kind}/1.json", **makers[kind]()}
 
 
 def check_files(

@@ -31,6 +31,7 @@ from eal_actors.device.data.c_types import (
     int_c_type,
     short_repr,
 )
+from eal_actors.device.data.pictures import is_picture, picture_png
 from eal_actors.device.data.storage import (
     Payload,
     Stored,
@@ -325,6 +326,10 @@ class EALData:
 
     def __repr__(self) -> str:
         return data_text(self)
+
+    def _repr_png_(self) -> bytes | None:
+        """Return a picture as PNG, which notebooks show; None for other values."""
+        return picture_png(self.payload, self._shape) if is_picture(self._c_type, self._shape) else None
 
 
 def _array_content(value: Any) -> tuple[CType, Stored] | None:

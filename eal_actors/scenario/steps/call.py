@@ -10,8 +10,8 @@ from typing_extensions import override
 
 from eal_actors.actors.call import Call
 from eal_actors.actors.future import Future
-from eal_actors.device.data import EALData
-from eal_actors.device.info import ResourceInfo, ValueInfo
+from eal_actors.device.data import EALData, ValueInfo
+from eal_actors.device.info import ResourceInfo
 from eal_actors.kernel.errors import EALError, ScenarioError
 from eal_actors.kernel.strict_model import StrictModel
 from eal_actors.kernel.yaml_tree import YamlPath

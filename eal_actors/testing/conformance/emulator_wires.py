@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import os
-import pty
 import selectors
 import socket
 import tempfile
 import threading
-import tty
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
@@ -18,6 +16,7 @@ from typing import Final, Protocol
 from typing_extensions import override
 
 from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.posix import pty, tty
 
 TICK_S: Final = 0.01
 """Real seconds between calls of an emulator without input, which let it send by itself."""
