@@ -382,7 +382,7 @@ class Build:
 
         def make(out: Path) -> None:
             files = {**dict(zip(names, debs, strict=True)), **self._boot_packages(loaders)}
-            origins = {name: licences.debian_origin(deb) for name, deb in files.items()}
+            origins = licences.with_shared({name: licences.debian_origin(deb) for name, deb in files.items()})
             origins |= {licences.wheel_name(wheel): licences.wheel_origin(wheel) for wheel in wheels}
             bill = sbom.bill_of_materials(lock, left_out, on_disk, platform.architecture, platform.suite, origins)
             out.write_text(bill)

@@ -7,8 +7,8 @@ import io
 import re
 import tarfile
 import zipfile
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -82,6 +82,12 @@ def debian_licences(copyright_file: str) -> tuple[str, ...]:
     stated = _STATED.findall(copyright_file) if copyright_file.lstrip().startswith("Format:") else []
     names = [name for line in stated for name in _PARTS.split(line.strip())] or _COMMON.findall(copyright_file)
     return _distinct(names)
+
+
+def with_shared(origins: Mapping[str, Origin]) -> dict[str, Origin]:
+    """Return origins, where a package without a copyright file of its own has the licences of a sibling."""
+    known = {one.source: one.licences for one in origins.values() if one.licences}
+    return {name: replace(one, licences=one.licences or known.get(one.source, ())) for name, one in origins.items()}
 
 
 def wheel_origin(wheel: Path) -> Origin:

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from evbotos.cli import app
 from evbotos.definitions import load_definitions
 from evbotos.hosttools import tool
-from evbotos.licences import Origin, debian_licences, debian_origin, wheel_origin
+from evbotos.licences import Origin, debian_licences, debian_origin, wheel_origin, with_shared
 from evbotos.lock import lock_path, read_lock
 from evbotos.sbom import bill_of_materials
 from evbotos.vulnerabilities import is_older
@@ -77,6 +77,11 @@ def test_a_package_states_its_source_and_licences(tmp_path: Path) -> None:
     subprocess.run([tool("dpkg-deb"), "-b", folder, tmp_path / "libone.deb"], check=True, capture_output=True)
     origin = debian_origin(tmp_path / "libone.deb")
     assert origin == Origin("one", "1.2-3", ("GPL-2.0-or-later", "LGPL-2.1-only", "MIT"))
+
+
+def test_a_package_without_a_copyright_file_has_the_licences_of_its_siblings() -> None:
+    origins = {"a": Origin("one", "1", ("MIT",)), "b": Origin("one", "1", ()), "c": Origin("two", "1", ())}
+    assert [one.licences for one in with_shared(origins).values()] == [("MIT",), ("MIT",), ()]
 
 
 @pytest.mark.parametrize(
