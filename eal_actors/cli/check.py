@@ -10,7 +10,7 @@ from typing import Annotated, Any, Final, Literal
 import typer
 from rich.text import Text
 
-from eal_actors.cli.check_together import check_together
+from eal_actors.cli.check_together import TogetherCheck, check_together
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.fleets import check_plugins
 from eal_actors.cli.options import JsonOption
@@ -91,19 +91,20 @@ def check_files(
 
 
 def _check_against_fleet(results: list[FileCheck]) -> list[FileCheck]:
-    """Check the valid scenarios against the fleet, if exactly one is given and valid."""
-    fleets = {result.file for result in results if result.kind == "fleet" and not result.problems}
-    if len(fleets) != 1 or any(result.kind == "fleet" and result.problems for result in results):
+    """Check the scenarios against the fleet, if exactly one is given, as far as both can be read."""
+    fleets = {result.file for result in results if result.kind == "fleet"}
+    if len(fleets) != 1:
         return results
     (fleet,) = fleets
     checked = []
     for result in results:
-        if result.kind == "scenario" and not result.problems:
-            found = check_together(result.file, fleet)
-            summary = ", ".join(filter(None, (result.summary, found.summary)))
-            checked.append(replace(result, summary=summary, problems=found.problems, warnings=found.warnings))
-        else:
-            checked.append(result)
+        try:
+            found = check_together(result.file, fleet) if result.kind == "scenario" else TogetherCheck()
+        except ConfigError:  # of the fleet file, which was reported
+            found = TogetherCheck()
+        summary = ", ".join(filter(None, (result.summary, found.summary)))
+        problems, warnings = (*result.problems, *found.problems), (*result.warnings, *found.warnings)
+        checked.append(replace(result, summary=summary, problems=problems, warnings=warnings))
     return checked
 
 

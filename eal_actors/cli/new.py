@@ -18,6 +18,7 @@ from eal_actors.cli.output import print_line, stdout
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.strict_model import NAME_PATTERN
 from eal_actors.kernel.suggestions import did_you_mean
+from eal_actors.managers.network_model import new_identity
 from eal_actors.managers.plugins import EALPluginManager
 
 app = typer.Typer(cls=EalCommandGroup, help="Write a first fleet, scenario or world file.", no_args_is_help=True)
@@ -26,6 +27,7 @@ _FLEET: Final = """\
 # The robots, and the plugin that drives each. Check it with: eal check {file}
 version: 1
 name: {name}
+network: {{identity: {identity}}}  # tells this fleet from others of the same name
 clock: {{rate: 2}}  # times real time; leave it out on hardware
 world: lab  # the room of the simulated robots: the name of a bundled world, or a file beside this one
 types:
@@ -95,7 +97,13 @@ def new_fleet(
     settings = yaml.safe_dump(twin.settings, default_flow_style=True, width=1000).strip()
     line = f"{kind}-1: {{type: {kind}}}" if number == 1 else f'"{kind}-{{n}}": {{type: {kind}, count: {number}}}'
     text = _FLEET.format(
-        file=file.name, name=_name_of(file), type=kind, plugin=twin.plugin, settings=settings, robot=line
+        file=file.name,
+        name=_name_of(file),
+        identity=new_identity(),
+        type=kind,
+        plugin=twin.plugin,
+        settings=settings,
+        robot=line,
     )
     _write(file, "fleet", text, f"eal run dance --fleet {file}", f"eal dashboard --fleet {file}")
 
