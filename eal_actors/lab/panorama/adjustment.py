@@ -23,6 +23,8 @@ from eal_actors.lab.panorama.ring import Links, Ring
 _ODOMETRY_SIGMA_RAD: Final = math.radians(3)
 """Assumed error of odometry for one turn: large enough that pictures always outweigh it."""
 _LENS_SIGMAS: Final = np.array([0.05, 0.1])  # of the focal length's logarithm and of k1
+_LENS_NUMBERS: Final = len(_LENS_SIGMAS)
+_TELLING: Final = 25.0  # decrease of the cost, in squared errors of a point, from which another lens is believed
 _OPEN: Final = 0.02  # share of these for an open ring, whose overlaps alone hardly determine a lens
 _LEVEL_SIGMA_RAD: Final = math.radians(0.2)
 _MOST_ZOOM: Final = 0.3  # largest change of the focal length's logarithm
@@ -68,16 +70,22 @@ class _Problem:
 
     def attitudes(self, parameters: Floats) -> Floats:
         """Return yaws, depressions and rolls, (3, n)."""
-        return parameters[2:].reshape(3, -1)
+        return parameters[_LENS_NUMBERS:].reshape(3, -1)
 
-    def misses(self, parameters: Floats) -> Floats:
-        """Return the distance of each point's two rays, to the side and in height, in standard errors, (2, n)."""
-        lens, points = self.lens_of(parameters), self.points
-        yaws_rad, downs_rad, rolls_rad = self.attitudes(parameters)
-        one, other = points.first, points.second
-        right_rad, down = lens.rays(points.first_px, downs_rad[one], rolls_rad[one])
-        other_rad, other_down = lens.rays(points.second_px, downs_rad[other], rolls_rad[other])
-        aside_rad = wrapped_rad(yaws_rad[one] - right_rad - yaws_rad[other] + other_rad)
+    def misses(self, parameters: Floats, turned: tuple[int, int] | None = None) -> Floats:
+        """Return the distance of each point's two rays, to the side and in height, in standard errors, (2, n).
+
+        Args:
+            parameters: of the lens and the attitudes.
+            turned: the end (0 or 1) and the axis (0 to 2) of the attitudes to change by a small step.
+        """
+        lens, points, attitudes = self.lens_of(parameters), self.points, self.attitudes(parameters)
+        first, second = attitudes[:, points.first], attitudes[:, points.second]
+        if turned is not None:
+            (first, second)[turned[0]][turned[1]] += _STEP
+        right_rad, down = lens.rays(points.first_px, first[1], first[2])
+        other_rad, other_down = lens.rays(points.second_px, second[1], second[2])
+        aside_rad = wrapped_rad(first[0] - right_rad - second[0] + other_rad)
         return np.stack((aside_rad, down - other_down)) / points.sigma_rad
 
     def priors(self, parameters: Floats) -> Floats:
@@ -88,7 +96,7 @@ class _Problem:
         sigmas = _LENS_SIGMAS if self.is_closed else _LENS_SIGMAS * _OPEN
         return np.concatenate(
             (
-                parameters[:2] / sigmas,
+                (parameters[:_LENS_NUMBERS] - (0.0, self.lens.k1)) / sigmas,
                 (corrections_rad[after] - corrections_rad[before]) / _ODOMETRY_SIGMA_RAD,
                 [corrections_rad.sum()],  # odometry fixes the absolute yaw
                 downs_rad / _LEVEL_SIGMA_RAD,
@@ -101,18 +109,25 @@ class _Problem:
         squares = (self.misses(parameters) ** 2).sum(axis=0)
         return float((scale**2 * np.log1p(squares / scale**2)).sum() + (self.priors(parameters) ** 2).sum())
 
-    def step(self, parameters: Floats, scale: float) -> tuple[Floats, Floats]:
+    def equations(self, parameters: Floats, scale: float) -> tuple[Floats, Floats]:
         """Return the normal equations of the next step, (p, p) and (p,)."""
         misses, priors = self.misses(parameters), self.priors(parameters)
         weights = np.sqrt(1 / (1 + (misses**2).sum(axis=0) / scale**2))
-        columns = []
+        slopes = np.zeros((len(parameters), *misses.shape))
+        prior_slopes = np.empty((len(parameters), len(priors)))
         for number in range(len(parameters)):
             beside = parameters.copy()
             beside[number] += _STEP
-            change = (self.misses(beside) - misses) * weights
-            columns.append(np.concatenate((change.ravel(), self.priors(beside) - priors)) / _STEP)
-        slopes = np.column_stack(columns)
-        return slopes.T @ slopes, slopes.T @ np.concatenate(((misses * weights).ravel(), priors))
+            prior_slopes[number] = (self.priors(beside) - priors) / _STEP
+            if number < _LENS_NUMBERS:
+                slopes[number] = (self.misses(beside) - misses) / _STEP
+        for axis in range(3):  # an attitude moves the points of its own frame only: one step for all frames
+            for end, frames in enumerate((self.points.first, self.points.second)):
+                change = (self.misses(parameters, turned=(end, axis)) - misses) / _STEP
+                rows = _LENS_NUMBERS + axis * len(self.yaws_rad) + frames
+                slopes[rows, :, np.arange(len(frames))] += change.T
+        all_slopes = np.concatenate(((slopes * weights).reshape(len(slopes), -1), prior_slopes), axis=1)
+        return all_slopes @ all_slopes.T, all_slopes @ np.concatenate(((misses * weights).ravel(), priors))
 
 
 def adjust_bundle(
@@ -129,7 +144,7 @@ def adjust_bundle(
     Thread: any; it may take a second.
     """
     order = {number: index for index, number in enumerate(ring.order)}
-    pairs = np.array([(order[first], order[second]) for first, second, _ in ring.neighbours() if first != second])
+    pairs = np.array([(order[first], order[second]) for first, second, _ in ring.neighbours() if first != second], int)
     problem = _Problem(
         lens,
         _points_of(links, lens, order),
@@ -137,9 +152,17 @@ def adjust_bundle(
         pairs.reshape(-1, 2).T,
         ring.is_closed,
     )
-    parameters = _minimise(problem)
+    parameters = _best_parameters(problem)
     found = problem.attitudes(parameters)
     return problem.lens_of(parameters), {number: Attitude(*found[:, index].tolist()) for number, index in order.items()}
+
+
+def _best_parameters(problem: _Problem) -> Floats:
+    """Return the best parameters; the given lens is kept unless another one explains the points clearly better."""
+    kept = _minimise(problem, problem.start, free=slice(_LENS_NUMBERS, None))
+    changed = _minimise(problem, kept, free=slice(None))
+    least, most = (problem.cost(parameters, _LOSS_SCALES[-1]) for parameters in (changed, kept))
+    return changed if most - least > _TELLING * least / max(len(problem.points.first), 1) else kept
 
 
 def _points_of(links: Links, lens: CameraLens, order: Mapping[int, int]) -> _Points:
@@ -161,23 +184,25 @@ def _points_of(links: Links, lens: CameraLens, order: Mapping[int, int]) -> _Poi
     )
 
 
-def _minimise(problem: _Problem) -> Floats:
-    parameters = problem.start
-    least, damping, most = _DAMPING
+def _minimise(problem: _Problem, parameters: Floats, free: slice) -> Floats:
+    """Return the parameters of the least cost; those that are not free keep their values."""
+    least_damping, damping, most_damping = _DAMPING
     for scale in _LOSS_SCALES:
         cost = problem.cost(parameters, scale)
         for _ in range(_MOST_STEPS):
-            curvature, slope = problem.step(parameters, scale)
-            step = np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), -slope)
-            reached = problem.cost(parameters + step, scale)
+            curvature, slope = (part[free] for part in problem.equations(parameters, scale))
+            curvature = curvature[:, free]
+            tried = parameters.copy()
+            tried[free] -= np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), slope)
+            reached = problem.cost(tried, scale)
             if reached >= cost:
                 damping *= 10
-                if damping > most:
+                if damping > most_damping:
                     damping = _DAMPING[1]
                     break
                 continue
             gain, cost = cost - reached, reached
-            parameters, damping = parameters + step, max(damping / 5, least)
+            parameters, damping = tried, max(damping / 5, least_damping)
             if gain < _ENOUGH * cost:
                 break
     return parameters

