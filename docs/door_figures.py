@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import html
+import inspect
 import json
 import math
 import os
@@ -10,13 +13,17 @@ import threading
 from pathlib import Path
 from typing import Any, Final
 
+from playwright.sync_api import sync_playwright
+
 from eal_actors import Fleet
 from eal_actors.kernel.errors import EALError
 from eal_actors.managers.plugins import EALPluginManager
 from eal_actors.operate.foxglove import LiveView
 from eal_actors.operate.hands import HandDriver, HandSettings, InputSource
 from eal_actors.operate.hands.sticks import ABS_Y, BTN_TR, EV_ABS, EV_KEY, curved
+from eal_actors.operate.notebook import FleetMap
 from eal_actors.recording.arena import draw_arena, draw_grid, new_figure
+from tests.chromium import FLAGS, MISSING, find_chromium
 from tests.operate.foxglove.viewer import Viewer
 from tests.operate.hands.test_sticks import event
 from tests.unit.plugins.ros2.rig import ros2_peer
@@ -154,6 +161,40 @@ def draw_hand(folder: Path) -> None:
     figure.savefig(IMAGES / "hand.png")
 
 
+def draw_notebook(folder: Path) -> None:
+    """Show what a notebook shows: a fleet, a frame and the live map, in a browser."""
+    program = find_chromium()
+    if program is None:
+        raise SystemExit(MISSING)
+    with Fleet.load("panorama") as fleet:
+        fleet_map = FleetMap(fleet)
+        frame = fleet["evbot2-1"]["Camera"].get_value(timeout_s=120).get()
+        png = base64.b64encode(frame._repr_png_() or b"").decode()
+        pose = html.escape(repr(fleet["evbot2-1"]["Pose"].get_value().get()))
+        values = {name: getattr(fleet_map, name) for name in ("world", "poses", "states")}
+        script = Path(inspect.getfile(FleetMap)).with_name("fleet_map.js").read_text()
+        table = fleet._repr_html_()
+        fleet_map.close()
+    style = (
+        "<style>body{font:14px sans-serif} th,td{padding:3px 9px;text-align:left}"
+        " #row{display:flex;gap:14px;align-items:flex-start}</style>"
+    )
+    model = "{ get: (name) => values[name], on() {}, send() {} }"
+    page_text = (
+        f"{style}{table}<pre>{pose}</pre><div id=row><img width=400 src='data:image/png;base64,{png}'>"
+        "<div id=map></div></div>"
+        f"<script type=module>{script.replace('export default { render };', '')}\nconst values = {json.dumps(values)};"
+        f"render({{ model: {model}, el: document.getElementById('map') }});</script>"
+    )
+    (folder / "page.html").write_text(page_text)
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=list(FLAGS))
+        page = browser.new_page(viewport={"width": 1020, "height": 710})
+        page.goto((folder / "page.html").as_uri())
+        page.screenshot(path=IMAGES / "notebook.png")
+        browser.close()
+
+
 def _figure() -> Any:
     figure = new_figure(7.5, 5.5)
     if figure is None:
@@ -168,6 +209,6 @@ def _disc(place: tuple[float, float], radius_m: float, colour: str) -> Any:
 
 
 if __name__ == "__main__":
-    for draw in (draw_foxglove, draw_hand, draw_ros2):
+    for draw in (draw_foxglove, draw_hand, draw_notebook, draw_ros2):
         with tempfile.TemporaryDirectory() as made:
             draw(Path(made))

@@ -182,13 +182,15 @@ def draw_dashboard(images: Path) -> None:
         page.goto(f"{dashboard.link}#/scenario")
         page.get_by_label("Scenario", exact=True).first.select_option("square.yaml")
         page.get_by_role("button", name="Start", exact=True).click()
-        for view in ("mission", "fleet", "map", "scenario", "cameras", "robot/evbot3-1", "logs"):
+        dark = browser.new_page(viewport={"width": 1280, "height": 720}, color_scheme="dark")
+        dark.goto(f"{dashboard.link}#/map")
+        for view in ("mission", "robot/evbot3-1", "cameras", "fleet", "map", "scenario", "logs"):
             page.evaluate("(view) => { location.hash = `#/${view}`; }", view)
             page.wait_for_selector("[data-frames]" if view in ("mission", "cameras") else "h1")
             page.wait_for_timeout(2500)
             page.screenshot(path=images / f"dashboard-{view.partition('/')[0]}.png")
-        dark = browser.new_page(viewport={"width": 1280, "height": 720}, color_scheme="dark")
-        dark.goto(f"{dashboard.link}#/map")
+            if view == "map":
+                dark.screenshot(path=images / "dashboard-dark.png")
         phone = browser.new_page(viewport={"width": 375, "height": 720})
         phone.goto(f"{dashboard.link}#/robot/roomba-1")
         phone.wait_for_timeout(2000)
@@ -196,7 +198,6 @@ def draw_dashboard(images: Path) -> None:
         phone.goto(f"{dashboard.link}#/mission")
         phone.wait_for_timeout(2000)
         phone.screenshot(path=images / "dashboard-mission-phone.png")
-        dark.screenshot(path=images / "dashboard-dark.png")
 
 
 def draw_sweep(out: Path) -> None:

@@ -15,10 +15,12 @@ from evbotos import (
     disk,
     grub,
     kernel,
+    licences,
     packaged_kernel,
     project,
     pruning,
     qemu,
+    sbom,
     sizes,
     slots,
     squash,
@@ -137,6 +139,7 @@ class Build:
                 kernel=kernel_folder,
                 disks=self._runner.run(self._disk_step(lock, verified, kernel_folder, board, images)),
                 sizes=self._runner.run(self._sizes_step(root)),
+                bill=self._runner.run(self._bill_step(lock, debs, wheels)),
                 initrd=initrd,
                 emulator=self._runner.run(self._emulator_step(lock, kernel_folder)) if needs_stand_ins else None,
             )
@@ -363,6 +366,28 @@ class Build:
                 shutil.rmtree(boot_files)
 
         return Step("disk", key_of([inputs, contents], disk, grub, slots, u_boot, verity), make)
+
+    def _bill_step(self, lock: Lock, debs: list[Path], wheels: list[Path]) -> Step:
+        platform, left_out = self._platform, set(self._image.drop_packages)
+        on_disk = set(platform.disk_packages)
+        loaders = [package for package in lock.build_packages if package.name in on_disk]
+        names = [package.name for package in lock.packages if package.name not in left_out]
+        inputs = [
+            lock.model_dump(mode="json"),
+            sorted(left_out),
+            sorted(on_disk),
+            platform.architecture,
+            platform.suite,
+        ]
+
+        def make(out: Path) -> None:
+            files = {**dict(zip(names, debs, strict=True)), **self._boot_packages(loaders)}
+            origins = licences.with_shared({name: licences.debian_origin(deb) for name, deb in files.items()})
+            origins |= {licences.wheel_name(wheel): licences.wheel_origin(wheel) for wheel in wheels}
+            bill = sbom.bill_of_materials(lock, left_out, on_disk, platform.architecture, platform.suite, origins)
+            out.write_text(bill)
+
+        return Step("bill", key_of(inputs, sbom, licences), make)
 
     def _sizes_step(self, root: Path) -> Step:
         def make(out: Path) -> None:

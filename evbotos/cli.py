@@ -13,6 +13,8 @@ from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import ConfigError, EALError, Problem
 from evbotos.bench_command import bench, times
 from evbotos.build import OUTPUT, Build
+from evbotos.claim_command import claim
+from evbotos.cve_command import cve
 from evbotos.definitions import Definitions, load_definitions
 from evbotos.disk import parts_of
 from evbotos.errors import BuildError
@@ -56,6 +58,8 @@ app.command("sdk")(sdk)
 app.command("slot")(slot)
 app.command("run")(run_image)
 app.command("provision")(provision)
+app.command("claim")(claim)
+app.command("cve")(cve)
 
 _PlatformArgument = Annotated[str, typer.Argument(metavar="PLATFORM", help="The board: see `evbotos list`.")]
 _ImageArgument = Annotated[str, typer.Argument(metavar="[IMAGE]", help="What goes onto it.")]

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import eal_actors
-from evbotos import sbom, slots, verity
+from evbotos import slots, verity
 from evbotos.hashing import file_sha256
 from evbotos.lock import Lock
 from evbotos.model import Image, Platform
@@ -39,6 +39,7 @@ class Made:
         kernel: a folder with the kernel and its device trees.
         disks: a folder with `disk.img`, and `boot.img` for boards with GRUB.
         sizes: the size by component.
+        bill: the bill of materials.
         initrd: the initial RAM disk of a packaged kernel, or None.
         emulator: a folder with QEMU's boot loader and device tree; None for a PC.
     """
@@ -47,6 +48,7 @@ class Made:
     kernel: Path
     disks: Path
     sizes: Path
+    bill: Path
     initrd: Path | None
     emulator: Path | None
 
@@ -95,6 +97,7 @@ def write_outputs(
         "disk.img": made.disks / "disk.img",
         "boot.img": made.disks / "boot.img",
         "sizes.json": made.sizes,
+        "sbom.cdx.json": made.bill,
         "initrd": made.initrd,
         **{name: made.emulator and made.emulator / name for name in (LOADER, DEVICE_TREE)},
     }
@@ -103,8 +106,6 @@ def write_outputs(
             place(source, folder / name)
         else:  # an earlier build may have created it
             (folder / name).unlink(missing_ok=True)
-    bill = sbom.bill_of_materials(lock, set(image.drop_packages), set(platform.disk_packages), platform.architecture)
-    (folder / "sbom.cdx.json").write_text(bill)
     files = {name: folder / name for name in ("root.squashfs", "kernel", "disk.img")}
     report = {
         **manifest_of(lock, image),

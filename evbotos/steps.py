@@ -55,7 +55,7 @@ class Runner:
 
     Args:
         folder: the cache folder.
-        tell: receives a step before it runs.
+        tell: receives a step before it runs, with the seconds that the newest one of its name took.
 
     Attributes:
         done: the finished steps.
@@ -81,7 +81,7 @@ class Runner:
         if cached:
             os.utime(outcome)
         else:
-            self.tell(step.name)
+            self.tell(f"{step.name}{self._estimate(step)}")
             self._make(step, outcome)
         seconds = round(REAL_TIME.now() - start_s, 2)
         self.done.append(
@@ -97,6 +97,12 @@ class Runner:
             note.write_text(f"{seconds}\n")
             return seconds
         return float(note.read_text()) if note.is_file() else None
+
+    def _estimate(self, step: Step) -> str:
+        folder = self.folder / "seconds"
+        notes = (note for note in folder.glob("*") if note.name.rpartition("-")[0] == step.name)
+        newest = max(notes, key=lambda note: note.stat().st_mtime_ns, default=None)
+        return "" if newest is None else f" (about {float(newest.read_text()):.0f} s, as the last time)"
 
     def _make(self, step: Step, outcome: Path) -> None:
         part = outcome.with_name(f".part-{step.key}")

@@ -29,7 +29,23 @@ MOTION_TIMEOUT_S: Final = 120.0
 """The default deadline of a motion, in seconds of the fleet's clock."""
 
 
-class BaseHandle:
+class PartHandle:
+    """A part of a robot.
+
+    Attributes:
+        resource: its resource.
+    """
+
+    __slots__ = ("resource",)
+
+    def __init__(self, resource: ResourceHandle) -> None:
+        self.resource = resource
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.resource.robot}/{self.resource.name}>"
+
+
+class BaseHandle(PartHandle):
     """A base with two driven wheels or tracks. Every call returns a future at once; see ResourceHandle for its errors.
 
     A newer motion replaces a running one, whose future fails with PreemptedError. Angles are in degrees,
@@ -38,10 +54,7 @@ class BaseHandle:
     Thread: any; handles may be shared.
     """
 
-    __slots__ = ("resource",)
-
-    def __init__(self, resource: ResourceHandle) -> None:
-        self.resource = resource
+    __slots__ = ()
 
     def drive(self, distance_m: float, *, timeout_s: float = MOTION_TIMEOUT_S) -> Call[int]:
         """Drive straight by a distance; back if it is negative."""
@@ -75,13 +88,10 @@ class BaseHandle:
         return self.resource.halt(timeout_s=timeout_s)
 
 
-class TurretHandle:
+class TurretHandle(PartHandle):
     """A turret. Angles are in degrees, counter-clockwise positive. Thread: any; handles may be shared."""
 
-    __slots__ = ("resource",)
-
-    def __init__(self, resource: ResourceHandle) -> None:
-        self.resource = resource
+    __slots__ = ()
 
     def get(self, *, timeout_s: float | None = None) -> Future[float]:
         """Return its angle from straight ahead, in degrees."""
@@ -100,13 +110,10 @@ class TurretHandle:
         return self.resource.halt(timeout_s=timeout_s)
 
 
-class PoseHandle:
+class PoseHandle(PartHandle):
     """The estimated pose of the robot in the map frame. Thread: any; handles may be shared."""
 
-    __slots__ = ("resource",)
-
-    def __init__(self, resource: ResourceHandle) -> None:
-        self.resource = resource
+    __slots__ = ()
 
     def get(self, *, timeout_s: float | None = None) -> Future[PoseEstimate]:
         """Return the pose with its covariance and its time."""
@@ -117,26 +124,20 @@ class PoseHandle:
         return self.resource.set_value([float(x_m), float(y_m), math.radians(yaw_deg)], timeout_s=timeout_s)
 
 
-class CameraHandle:
+class CameraHandle(PartHandle):
     """A camera. Thread: any; handles may be shared."""
 
-    __slots__ = ("resource",)
-
-    def __init__(self, resource: ResourceHandle) -> None:
-        self.resource = resource
+    __slots__ = ()
 
     def frame(self, *, timeout_s: float | None = None) -> Future[Image]:
         """Return a new picture: RGB, shape (height, width, 3), rows from the top."""
         return self.resource.get_value(timeout_s=timeout_s).map(_value)
 
 
-class SensorHandle(Generic[T]):
+class SensorHandle(PartHandle, Generic[T]):
     """A sensor with values of one type. Thread: any; handles may be shared."""
 
-    __slots__ = ("resource",)
-
-    def __init__(self, resource: ResourceHandle) -> None:
-        self.resource = resource
+    __slots__ = ()
 
     def get(self, *, timeout_s: float | None = None) -> Future[T]:
         """Return the value."""

@@ -56,6 +56,7 @@ _COMMANDS: Final = {
     "router": "router:run_router",
     "keys": "dashboard_keys:app",
     "plugin": "plugin:app",
+    "init": "init:init_folder",
     "new": "new:app",
     "tracker": "tracker:app",
     "demo-network": "demo_network:demo_network",
@@ -84,7 +85,7 @@ class _Commands(Mapping[str, Any]):
         if name not in self._loaded:
             module, attribute = _COMMANDS[name].split(":")
             part = getattr(import_module(f"eal_actors.cli.{module}"), attribute)
-            parent = typer.Typer(callback=lambda: None, **_LOOK)
+            parent = typer.Typer(callback=lambda: None, add_completion=False, **_LOOK)
             if isinstance(part, typer.Typer):
                 parent.add_typer(part, name=name)
             else:
@@ -133,7 +134,6 @@ class _EalProgram(EalCommandGroup):
 _LOOK: Final[dict[str, Any]] = {
     "rich_markup_mode": "markdown",  # joins the lines of a paragraph
     "pretty_exceptions_enable": False,
-    "add_completion": False,
 }
 
 app = typer.Typer(

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import typer
 from rich.text import Text
 
-from eal_actors.cli.check_together import check_together
+from eal_actors.cli.check_together import TogetherCheck, check_together
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.fleets import check_plugins
 from eal_actors.cli.options import JsonOption
@@ -21,8 +21,13 @@ from eal_actors.device.world import load_world
 from eal_actors.kernel.bundled import find_files
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.yaml_source import load_yaml
-from eal_actors.managers.config import EALConfigManager, fleet_schema, manifest_schema, world_schema
+from eal_actors.managers.catalogue import catalogue_schema
+from eal_actors.managers.config import EALConfigManager, manifest_schema, world_schema
+from eal_actors.managers.plugins import EALPluginManager
 from eal_actors.scenario import load_scenario, scenario_schema
+
+_SCHEMAS: Final = "https://github.com/eal-actors/eal-actors/schemas"
+"""The beginning of the schemas' identifiers, which are names: nothing is served there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +53,18 @@ def print_schema(
     ],
 ) -> None:
     """Print the JSON Schema of a kind of file, for editors that complete and check it."""
-    makers = {"fleet": fleet_schema, "scenario": scenario_schema, "world": world_schema, "plugin": manifest_schema}
-    write_json(makers[kind]())
+    write_json(schema_of(kind))
+
+
+def schema_of(kind: str) -> dict[str, Any]:
+    """Return the JSON Schema of a kind of file; that of fleets has the settings of the plugins that are installed."""
+    makers: dict[str, Callable[[], dict[str, Any]]] = {
+        "fleet": lambda: catalogue_schema(EALPluginManager()),
+        "scenario": scenario_schema,
+        "world": world_schema,
+        "plugin": manifest_schema,
+    }
+    return {"$id": f"{_SCHEMAS}/{kind}/1.json", **makers[kind]()}
 
 
 def check_files(
@@ -76,19 +91,20 @@ def check_files(
 
 
 def _check_against_fleet(results: list[FileCheck]) -> list[FileCheck]:
-    """Check the valid scenarios against the fleet, if exactly one is given and valid."""
-    fleets = {result.file for result in results if result.kind == "fleet" and not result.problems}
-    if len(fleets) != 1 or any(result.kind == "fleet" and result.problems for result in results):
+    """Check the scenarios against the fleet, if exactly one is given, as far as both can be read."""
+    fleets = {result.file for result in results if result.kind == "fleet"}
+    if len(fleets) != 1:
         return results
     (fleet,) = fleets
     checked = []
     for result in results:
-        if result.kind == "scenario" and not result.problems:
-            found = check_together(result.file, fleet)
-            summary = ", ".join(filter(None, (result.summary, found.summary)))
-            checked.append(replace(result, summary=summary, problems=found.problems, warnings=found.warnings))
-        else:
-            checked.append(result)
+        try:
+            found = check_together(result.file, fleet) if result.kind == "scenario" else TogetherCheck()
+        except ConfigError:  # of the fleet file, which was reported
+            found = TogetherCheck()
+        summary = ", ".join(filter(None, (result.summary, found.summary)))
+        problems, warnings = (*result.problems, *found.problems), (*result.warnings, *found.warnings)
+        checked.append(replace(result, summary=summary, problems=problems, warnings=warnings))
     return checked
 
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ConfigError, EALError, Problem
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.twins import SimulatedFleet, simulated
-from eal_actors.scenario import Scenario, load_scenario, make_plan
-from eal_actors.scenario.language.binding import find_candidates
+from eal_actors.scenario import Scenario, make_plan
+from eal_actors.scenario.language.binding import match_roles
+from eal_actors.scenario.language.loading import examine_scenario
 from eal_actors.scenario.language.parameters import missing_parameters
 
 
@@ -32,23 +33,33 @@ class TogetherCheck:
 def check_together(scenario_file: str, fleet_file: str) -> TogetherCheck:
     """Bind a scenario to a fleet, and check every call on the simulated twins of its robots; no device is opened.
 
+    What is wrong in the scenario itself is left out, and not reported again.
+
     Raises:
-        ConfigError: one of the files has problems of its own.
+        ConfigError: the fleet file has problems of its own.
     """
-    scenario, config = load_scenario(scenario_file), EALConfigManager.load(fleet_file).fleet
-    try:
-        bound = {name for names in find_candidates(scenario, config).values() for name in names}
-    except ConfigError as error:
-        return TogetherCheck(error.problems)
-    pair = f"{scenario_file} on {fleet_file}"
+    config = EALConfigManager.load(fleet_file).fleet
+    scenario, is_new = examine_scenario(scenario_file)
+    if scenario is None:
+        return TogetherCheck()
+    found = _check(scenario, config, f"{scenario_file} on {fleet_file}")
+    return replace(found, problems=tuple(filter(is_new, found.problems)))
+
+
+def _check(scenario: Scenario, config: FleetConfig, pair: str) -> TogetherCheck:
+    candidates, unbound = match_roles(scenario, config)
+    bound = {name for names in candidates.values() for name in names}
+    if unbound and not bound:
+        return TogetherCheck(tuple(unbound))
     if missing := missing_parameters(scenario.file, scenario.parameters, scenario.tree):
         names = ", ".join(problem.path for problem in missing)
-        return TogetherCheck(warnings=(f"{pair}: the calls were not checked, because {names} has no default",))
+        warning = f"{pair}: the calls were not checked, because {names} has no default"
+        return TogetherCheck(tuple(unbound), (warning,))
     try:
         twins = simulated(config, bound)
     except ConfigError as error:
         reasons = "; ".join(problem.message for problem in error.problems)
-        return TogetherCheck(warnings=(f"{pair}: the calls were not checked: {reasons}",))
+        return TogetherCheck(tuple(unbound), (f"{pair}: the calls were not checked: {reasons}",))
     return _plan(scenario, twins, config, pair)
 
 

@@ -1,6 +1,8 @@
-"""Emulators of the devices that a fleet file leaves open, each in a process of its own.
+"""Emulators of the devices that a fleet file leaves open.
 
-Which module of a plugin emulates its device, and with which arguments, is declared as `emulator` in its manifest.
+Which module of a plugin emulates its device, and with which arguments, is declared as `emulator` in its manifest. Each
+emulator runs in a process of its own, on an endless floor. If the fleet has a world, one process, `lab_world`, has the
+emulators of all devices that can be in it.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ import eal_actors
 from eal_actors.cli import emulator_main
 from eal_actors.kernel.errors import UnavailableError
 from eal_actors.managers.config import EALConfigManager
+from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.manifest import EmulatorSection, PluginManifest, discover
 
 _PREFIX: Final = "LAB_"
@@ -43,13 +46,17 @@ class LabDevice:
         robot: the robot's name.
         plugin: the manifest of the plugin that drives it.
         variables: the unset variables, by the settings that take their values from them.
-        settings: all settings of the plugin.
+        settings: all settings of the plugin, or of its part.
+        part: the part of the plugin to which it belongs, such as `ceiling` for `cameras.ceiling`; empty if none.
+        is_in_world: whether `lab_world` emulates it.
     """
 
     robot: str
     plugin: PluginManifest
     variables: Mapping[str, str]
     settings: Mapping[str, Any]
+    part: str = ""
+    is_in_world: bool = False
 
     @property
     def section(self) -> EmulatorSection:
@@ -69,7 +76,7 @@ class LabDevice:
     def addresses(self, line: str) -> dict[str, str]:
         """Return the values of the variables, from the emulator's first line: a setting's value, or an address."""
         section = self.section
-        values = section.driver_settings(line) if section.arguments is None else {}
+        values = section.driver_settings(line) if self.is_in_world or section.arguments is None else {}
         return {variable: str(values.get(setting, line)) for setting, variable in self.variables.items()}
 
 
@@ -92,20 +99,43 @@ def open_devices(fleet: Path) -> list[LabDevice]:
     Raises:
         ConfigError: the problems of the file.
     """
-    config = EALConfigManager.load(fleet, environment=_MarkedEnvironment()).fleet
+    return devices_of(load_marked(fleet))
+
+
+def load_marked(fleet: Path) -> FleetConfig:
+    """Return the configuration of a fleet whose open settings are marked.
+
+    Raises:
+        ConfigError: the problems of the file.
+    """
+    return EALConfigManager.load(fleet, environment=_MarkedEnvironment()).fleet
+
+
+def devices_of(config: FleetConfig) -> list[LabDevice]:
+    """Return the devices of a marked fleet that can be emulated."""
     manifests, _ = discover(config.plugin_dirs)
     found = []
     for robot in config.robots.values():
         for plugin in robot.plugins.values():
             manifest = manifests.get(plugin.plugin)
             section = manifest.file.emulator if manifest is not None else None
-            if manifest is None or section is None or (section.arguments is None and section.wire is None):
+            if manifest is None or section is None:
                 continue
-            settings = plugin.tree.root
-            variables = {key: mark[1:-1] for key, value in settings.items() if (mark := str(value)).startswith(_MARK)}
-            if variables:
-                found.append(LabDevice(robot.name, manifest, variables, settings))
+            in_world = config.world is not None and section.world_wire is not None
+            if in_world or section.arguments is not None or section.wire is not None:
+                for part, settings, variables in _marked_parts("", plugin.tree.root):
+                    found.append(LabDevice(robot.name, manifest, variables, settings, part, in_world))
     return found
+
+
+def _marked_parts(part: str, settings: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any], Mapping[str, str]]]:
+    """Yield the parts of a plugin's settings that have marks, and the variables by their keys."""
+    marks = {key: value[1:-1] for key, value in settings.items() if str(value).startswith(_MARK)}
+    if marks:
+        yield part, settings, marks
+    for key, value in settings.items():
+        if isinstance(value, Mapping):
+            yield from _marked_parts(key, value)
 
 
 class EmulatorProcesses:
@@ -114,17 +144,24 @@ class EmulatorProcesses:
     Each runs in a session of its own, so that Ctrl-C in a terminal reaches the controller only, and the emulators
     receive its last stop. They end with this process, however it ends.
 
+    Args:
+        devices: the devices to emulate.
+        fleet: the file of the fleet, for its world.
+
     Attributes:
         addresses: the value of each variable.
-        poses: by robot, its pose at the end of the block, from (0, 0, 0) at the beginning.
+        starts: by robot, its pose in the world at the beginning; without a world it is (0, 0, 0).
+        poses: by robot, its pose at the end of the block.
         failures: by robot, why its emulator had ended before the end of the block.
     """
 
-    def __init__(self, devices: Sequence[LabDevice]) -> None:
+    def __init__(self, devices: Sequence[LabDevice], fleet: Path = Path()) -> None:
         self.addresses: dict[str, str] = {}
+        self.starts: dict[str, LabPose] = {}
         self.poses: dict[str, LabPose] = {}
         self.failures: dict[str, str] = {}
         self._devices = devices
+        self._fleet = fleet
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -134,9 +171,15 @@ class EmulatorProcesses:
             UnavailableError: one has ended; the reason is on stderr.
         """
         with ExitStack() as stack:
-            running = [(device, stack.enter_context(self._run(device))) for device in self._devices]
+            alone = [device for device in self._devices if not device.is_in_world]
+            running = [(device, stack.enter_context(self._run(device))) for device in alone]
+            if in_world := [device for device in self._devices if device.is_in_world]:
+                world = stack.enter_context(self._run_world(in_world))
+                begin = json.loads(_read_line(in_world[0], world))
+                self.addresses |= begin["addresses"]
+                self.starts = {robot: tuple(pose) for robot, pose in begin["poses"].items()}
             for device, process in running:
-                self.addresses |= device.addresses(_read_address(device, process))
+                self.addresses |= device.addresses(_read_line(device, process))
             os.environ.update(self.addresses)
             for variable in self.addresses:
                 stack.callback(os.environ.pop, variable, None)
@@ -150,26 +193,47 @@ class EmulatorProcesses:
 
     @contextmanager
     def _run(self, device: LabDevice) -> Iterator[subprocess.Popen[str]]:
-        process = subprocess.Popen(  # noqa: S603  # the plugin's own program
-            device.command(),
-            stdin=subprocess.PIPE,  # the emulator ends when this closes
-            stdout=subprocess.PIPE,
-            text=True,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, (_ROOT, os.environ.get("PYTHONPATH"))))},
-            start_new_session=True,
-        )
+        process = _start(device.command())
         try:
             yield process
         finally:
-            if (code := process.poll()) is not None:
-                how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+            if (how := _early_end(process)) is not None:
                 self.failures[device.robot] = f"the emulator of {device.plugin.name} {how}"
             if (pose := _POSE.search(_end(process))) is not None:
                 x_m, y_m, yaw_deg = map(float, pose.groups())
                 self.poses[device.robot] = x_m, y_m, yaw_deg
 
+    @contextmanager
+    def _run_world(self, devices: Sequence[LabDevice]) -> Iterator[subprocess.Popen[str]]:
+        process = _start([sys.executable, "-P", "-m", "eal_actors.cli.lab_world", str(self._fleet)])
+        try:
+            yield process
+        finally:
+            if (how := _early_end(process)) is not None:
+                self.failures |= {device.robot: f"the world of the emulators {how}" for device in devices}
+            if line := _end(process):
+                self.poses |= {robot: tuple(pose) for robot, pose in json.loads(line).items()}
 
-def _read_address(device: LabDevice, process: subprocess.Popen[str]) -> str:
+
+def _start(command: Sequence[str]) -> subprocess.Popen[str]:
+    return subprocess.Popen(  # noqa: S603  # a plugin's own program, or ours
+        command,
+        stdin=subprocess.PIPE,  # the emulator ends when this closes
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, (_ROOT, os.environ.get("PYTHONPATH"))))},
+        start_new_session=True,
+    )
+
+
+def _early_end(process: subprocess.Popen[str]) -> str | None:
+    """Return how an emulator has ended; None if it still runs."""
+    if (code := process.poll()) is None:
+        return None
+    return f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+
+
+def _read_line(device: LabDevice, process: subprocess.Popen[str]) -> str:
     line = process.stdout.readline().strip() if process.stdout is not None else ""
     if not line:
         raise UnavailableError("its emulator has ended; see above", robot=device.robot)

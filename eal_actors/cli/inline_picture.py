@@ -11,12 +11,12 @@ import os
 import re
 import select
 import sys
-import termios
-import tty
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Final
+
+from eal_actors.kernel.posix import HAS_TERMINALS, termios, tty
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -69,7 +69,7 @@ def _iterm(file: Path) -> str:
 
 def _shows_sixels() -> bool:
     """Ask the terminal for its attributes: number 4 is sixel graphics."""
-    if not sys.stdin.isatty():
+    if not HAS_TERMINALS or not sys.stdin.isatty():
         return False
     terminal = sys.stdin.fileno()
     before = termios.tcgetattr(terminal)

@@ -18,6 +18,8 @@ from eal_actors.cli.run import run_scenario
 
 _SCENARIOS: Final = (Path("square"), Path("dance"))
 _MOVE: Final = re.compile(r"([gbflr])(\d+(?:\.\d+)?)?")
+_GUIDED: Final = ("go_to", "visit", "follow", "formation")
+"""Kinds of steps that end by the estimated pose."""
 _STEP_M: Final = 0.5  # default of g and b
 _TURN_DEG: Final = 90.0
 
@@ -28,9 +30,12 @@ def run_lab(
     fleet: Annotated[Path, typer.Option("--fleet", "-f")] = Path("lab"),
     runs_dir: Annotated[Path, typer.Option()] = Path("runs"),
 ) -> None:
-    """Emulate the open devices of a fleet, run scenarios on it, and print where the robots ended."""
+    """Emulate the open devices of a fleet, run scenarios on it, and print where the robots ended.
+
+    If the fleet has a world, the emulated robots are in it, and its cameras see them.
+    """
     devices, before = open_devices(fleet), set(runs_dir.glob("*"))
-    emulators = EmulatorProcesses(devices)
+    emulators = EmulatorProcesses(devices, fleet)
     try:
         with emulators:
             _print_devices(devices, emulators.addresses)
@@ -38,25 +43,27 @@ def run_lab(
                 run_scenario(context, scenario, fleet, runs_dir=runs_dir, no_plot=True)
     finally:
         runs = sorted(set(runs_dir.glob("*")) - before, key=lambda run: run.stat().st_mtime_ns)
-        _print_poses(emulators.poses, emulators.failures, runs)
+        _print_poses(emulators, runs)
 
 
 def _print_devices(devices: Sequence[LabDevice], addresses: Mapping[str, str]) -> None:
     for device in devices:
         variables = device.variables.values()
         place, names = (":".join(addresses[name] for name in variables), ", ".join(f"${name}" for name in variables))
-        line = f"{device.robot}: {device.plugin.name} at {place}, emulated; {names} names another"
+        part = f" ({device.part})" if device.part else ""
+        line = f"{device.robot}: {device.plugin.name}{part} at {place}, emulated; {names} names another"
         stderr().print(Text(line, style="dim"), soft_wrap=True)
 
 
-def _print_poses(poses: Mapping[str, LabPose], failures: Mapping[str, str], runs: Sequence[Path]) -> None:
+def _print_poses(emulators: EmulatorProcesses, runs: Sequence[Path]) -> None:
     """Print the pose of each emulated robot and its distance from the goal of its commands, or why it has none."""
+    poses, failures = emulators.poses, emulators.failures
     if not runs and not failures:
         return
     table = new_table("robot", "should be at", "is at", "off by")
     for robot in sorted({*poses, *failures}):
         moves = commands(robot, runs)
-        wanted = None if moves is None else destination(moves)
+        wanted = None if moves is None else destination(moves, emulators.starts.get(robot, (0.0, 0.0, 0.0)))
         if robot in failures:
             table.add_row(robot, _format_pose(wanted) if wanted else "unknown", failures[robot], "")
         else:
@@ -72,11 +79,13 @@ def _compare(pose: LabPose, wanted: LabPose | None) -> tuple[str, str, str]:
 
 
 def commands(robot: str, runs: Iterable[Path]) -> list[str] | None:
-    """Return the commands that a robot's base completed in runs; None if one of them was cut short."""
+    """Return the commands that a robot's base completed in runs; None if one was cut short, or places were goals."""
     found = []
     for run in runs:
         summary = run / "summary.json"
         steps = json.loads(summary.read_text(encoding="utf-8"))["steps"] if summary.exists() else [{}]
+        if any(step.get("robot") == robot and step.get("kind") in _GUIDED for step in steps):
+            return None
         moves = [step for step in steps if step.get("robot", robot) == robot and step.get("resource", "Base") == "Base"]
         if any(step.get("outcome") != "done" or step["attempts"] != 1 for step in moves):
             return None
@@ -84,9 +93,9 @@ def commands(robot: str, runs: Iterable[Path]) -> list[str] | None:
     return found
 
 
-def destination(moves: Iterable[str]) -> LabPose:
-    """Return the pose to which a base's commands lead from (0, 0, 0) without any error."""
-    x_m = y_m = yaw_deg = 0.0
+def destination(moves: Iterable[str], start: LabPose = (0.0, 0.0, 0.0)) -> LabPose:
+    """Return the pose to which a base's commands lead from its start without any error."""
+    x_m, y_m, yaw_deg = start
     for move in moves:
         if (parsed := _MOVE.fullmatch(move)) is None:
             continue

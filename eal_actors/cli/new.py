@@ -12,11 +12,13 @@ import typer
 import yaml
 
 from eal_actors.cli.check import check_file
+from eal_actors.cli.init import header_for
 from eal_actors.cli.options import EalCommand, EalCommandGroup
 from eal_actors.cli.output import print_line, stdout
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.strict_model import NAME_PATTERN
 from eal_actors.kernel.suggestions import did_you_mean
+from eal_actors.managers.network_model import new_identity
 from eal_actors.managers.plugins import EALPluginManager
 
 app = typer.Typer(cls=EalCommandGroup, help="Write a first fleet, scenario or world file.", no_args_is_help=True)
@@ -25,6 +27,7 @@ _FLEET: Final = """\
 # The robots, and the plugin that drives each. Check it with: eal check {file}
 version: 1
 name: {name}
+network: {{identity: {identity}}}  # tells this fleet from others of the same name
 clock: {{rate: 2}}  # times real time; leave it out on hardware
 world: lab  # the room of the simulated robots: the name of a bundled world, or a file beside this one
 types:
@@ -94,9 +97,15 @@ def new_fleet(
     settings = yaml.safe_dump(twin.settings, default_flow_style=True, width=1000).strip()
     line = f"{kind}-1: {{type: {kind}}}" if number == 1 else f'"{kind}-{{n}}": {{type: {kind}, count: {number}}}'
     text = _FLEET.format(
-        file=file.name, name=_name_of(file), type=kind, plugin=twin.plugin, settings=settings, robot=line
+        file=file.name,
+        name=_name_of(file),
+        identity=new_identity(),
+        type=kind,
+        plugin=twin.plugin,
+        settings=settings,
+        robot=line,
     )
-    _write(file, text, f"eal run dance --fleet {file}", f"eal dashboard --fleet {file}")
+    _write(file, "fleet", text, f"eal run dance --fleet {file}", f"eal dashboard --fleet {file}")
 
 
 @app.command("scenario", cls=EalCommand)
@@ -121,7 +130,7 @@ def new_scenario(
     step = _TOGETHER if together else ""
     listed = "[" + ", ".join(chosen) + "]"
     text = _SCENARIO.format(file=file.name, name=_name_of(file), moves=listed, together=step)
-    _write(file, text, f"eal run {file} --fleet sim")
+    _write(file, "scenario", text, f"eal run {file} --fleet sim")
 
 
 @app.command("world", cls=EalCommand)
@@ -152,7 +161,7 @@ def new_world(
     lines = [f"  - {{kind: circle, x_m: {x_m:g}, y_m: {y_m:g}, radius_m: 0.15}}\n" for x_m, y_m in spots[:number]]
     listed = "obstacles:\n" + "".join(lines) if lines else ""
     text = _WORLD.format(file=file.name, name=_name_of(file), width_m=width_m, depth_m=depth_m, obstacles=listed)
-    _write(file, text, f"eal world {file} --save {file.with_suffix('.png')}")
+    _write(file, "world", text, f"eal world {file} --save {file.with_suffix('.png')}")
 
 
 def _spots(width_m: float, depth_m: float) -> list[tuple[float, float]]:
@@ -191,10 +200,10 @@ def _refuse_existing(file: Path) -> None:
         raise _refused(file, "exists already; nothing was written")
 
 
-def _write(file: Path, text: str, *next_commands: str) -> None:
+def _write(file: Path, kind: str, text: str, *next_commands: str) -> None:
     """Write the file and check it; print what to do next."""
     try:
-        file.write_text(text, encoding="utf-8")
+        file.write_text(header_for(file, kind) + text, encoding="utf-8")
     except OSError as error:
         raise _refused(file, f"cannot be written: {error.strerror}") from error
     if problems := check_file(file).problems:

@@ -14,11 +14,48 @@ from eal_actors.kernel.log import LogFormat
 
 LogLevel = Literal["debug", "info", "warning", "error"]
 
+
+def completed_fleets(incomplete: str) -> list[str]:
+    """Return the fleets that begin with a text."""
+    from eal_actors.cli.completion import complete_fleets  # which loads for long, and only for a shell that asks
+
+    return complete_fleets(incomplete)
+
+
+def completed_scenarios(incomplete: str) -> list[str]:
+    """Return the scenarios that begin with a text."""
+    from eal_actors.cli.completion import complete_scenarios
+
+    return complete_scenarios(incomplete)
+
+
+def completed_robots(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Return the robots that begin with a text."""
+    from eal_actors.cli.completion import complete_robots
+
+    return complete_robots(ctx, incomplete)
+
+
+def completed_resources(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Return the resources that begin with a text."""
+    from eal_actors.cli.completion import complete_resources
+
+    return complete_resources(ctx, incomplete)
+
+
 _FLEET: Any = typer.Option(
-    "--fleet", "-f", envvar=FLEET_VARIABLE, show_default=False, help="Fleet file, or the name of a bundled one."
+    "--fleet",
+    "-f",
+    envvar=FLEET_VARIABLE,
+    show_default=False,
+    help="Fleet file, or the name of a bundled one.",
+    autocompletion=completed_fleets,
 )
 _SCENARIO: Any = typer.Argument(
-    metavar="SCENARIO", help="Scenario file, or the name of a bundled one.", show_default=False
+    metavar="SCENARIO",
+    help="Scenario file, or the name of a bundled one.",
+    show_default=False,
+    autocompletion=completed_scenarios,
 )
 FleetOption: TypeAlias = Annotated[Path, _FLEET]
 ScenarioArgument: TypeAlias = Annotated[Path, _SCENARIO]
@@ -27,7 +64,12 @@ OptionalFleetOption: TypeAlias = Annotated[Path | None, _FLEET]
 OptionalScenarioArgument: TypeAlias = Annotated[Path | None, _SCENARIO]
 RobotsArgument = Annotated[
     list[str] | None,
-    typer.Argument(metavar="[ROBOT]...", show_default=False, help="Names of robots; default: all robots."),
+    typer.Argument(
+        metavar="[ROBOT]...",
+        show_default=False,
+        help="Names of robots; default: all robots.",
+        autocompletion=completed_robots,
+    ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]
 SettingsOption: TypeAlias = Annotated[

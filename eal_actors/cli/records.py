@@ -140,13 +140,21 @@ def replay_run(
         Path | None, typer.Option(metavar="FILE", show_default=False, help="The fleet file; default: RUN/replay.yaml.")
     ] = None,
     port: Annotated[int, typer.Option(min=1, max=65535, help="With --serve: port of the first robot.")] = 50000,
+    show: Annotated[
+        bool, typer.Option("--show", help="Open the run's page in a browser, whose player replays it.")
+    ] = False,
 ) -> None:
     """Replay a recorded run to controllers as if its robots were there.
 
     The command writes a fleet file whose robots have the names, types and tags of the recorded ones. Use it with any
     command or program in place of the original one. Sensors return the recorded values. Commands must come in the
     recorded order; each takes as long as recorded, and fails if it failed then.
+
+    With --show no fleet file is written: the page of `eal report` opens, with map, cameras, values and time line.
     """
+    if show:
+        report_run(run, None, show=True)
+        return
     chosen = parse_rate(rate)
     if serve and chosen == MAX:
         raise typer.BadParameter("max is not possible with --serve: the network runs in real time", param_hint="--rate")

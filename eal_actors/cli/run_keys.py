@@ -7,19 +7,11 @@ import os
 import select
 import sys
 import threading
-from types import ModuleType
 from typing import Any, Final, Self
 
 from eal_actors.kernel.log import get_logger
+from eal_actors.kernel.posix import HAS_TERMINALS, TerminalError, termios, tty
 from eal_actors.scenario import Run
-
-termios: ModuleType | None
-tty: ModuleType | None
-try:
-    import termios
-    import tty
-except ImportError:  # a system without such terminals has no such keys
-    termios = tty = None
 
 LEGEND: Final = "space: pause   s: step   q: stop"
 _JOIN_S: Final = 2.0
@@ -27,7 +19,7 @@ _JOIN_S: Final = 2.0
 
 def keys_work() -> bool:
     """Return whether the program reads keys: stdin is a terminal, and the program is in its foreground."""
-    if termios is None or not sys.stdin.isatty():
+    if not HAS_TERMINALS or not sys.stdin.isatty():
         return False
     try:
         return os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
@@ -49,14 +41,14 @@ class RunKeys:
         self._thread: threading.Thread | None = None
 
     def __enter__(self) -> Self:
-        if termios is None or tty is None or not keys_work():
+        if not keys_work():
             return self
         self._fd = sys.stdin.fileno()
         try:
             self._before = termios.tcgetattr(self._fd)
             atexit.register(self._restore)
             tty.setcbreak(self._fd)  # keeps Ctrl-C
-        except termios.error as error:
+        except TerminalError as error:
             get_logger().debug("keys do not work on this terminal", reason=str(error))
             self._restore()
             return self
@@ -76,11 +68,11 @@ class RunKeys:
 
     def _restore(self) -> None:
         before, self._before = self._before, None
-        if before is not None and termios is not None:
+        if before is not None:
             atexit.unregister(self._restore)
             try:
                 termios.tcsetattr(self._fd, termios.TCSADRAIN, before)
-            except termios.error:  # the terminal was closed
+            except TerminalError:  # the terminal was closed
                 return
 
     def _listen(self) -> None:

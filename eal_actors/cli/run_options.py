@@ -17,6 +17,7 @@ from eal_actors.kernel.lock_step import MAX, Rate
 from eal_actors.managers.config import collect_problems
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.recording import Extent
+from eal_actors.recording.provenance import FLEET, SCENARIO
 from eal_actors.scenario import Resumption, Scenario, load_scenario, read_run
 from eal_actors.scenario.language.parameters import read_settings, with_parameters
 
@@ -124,8 +125,8 @@ def _resumed_request(options: RunOptions, directory: Path, rate: Rate | None) ->
         raise typer.BadParameter(str(error), param_hint="'--resume'") from error
     started: Mapping[str, Any] = resumption.started
     scenario, config = _read_both(
-        options.scenario or Path(started["scenario_file"]),
-        options.fleet or Path(started["fleet_file"]),
+        options.scenario or _kept(Path(started["scenario_file"]), directory / SCENARIO),
+        options.fleet or _kept(Path(started["fleet_file"]), directory / FLEET),
         rate if rate is not None else started["rate"],
         started["seed"],
     )
@@ -133,6 +134,11 @@ def _resumed_request(options: RunOptions, directory: Path, rate: Rate | None) ->
     binding = {role: [*names, *started["spares"].get(role, ())] for role, names in started["roles"].items()}
     resumption.require_safe(scenario)
     return RunRequest(scenario, config, binding, resumption)
+
+
+def _kept(file: Path, copy: Path) -> Path:
+    """Return a file of a run, or the copy in its folder on a machine that does not have the file."""
+    return copy if not file.exists() and copy.exists() else file
 
 
 def parse_rate(text: str | None) -> Rate | None:

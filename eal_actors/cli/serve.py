@@ -21,6 +21,7 @@ from eal_actors.cli.telemetry import MetricsPortOption, TraceOption, metrics_at,
 from eal_actors.facade.service import RobotService, serve_together
 from eal_actors.kernel.errors import EALError
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.managers.network_model import new_identity
 
 
 def serve_robot(
@@ -39,11 +40,13 @@ def serve_robot(
     out, names = stdout(), list(dict.fromkeys(robot))
     if metrics_port is not None and len(names) > 1:
         raise typer.BadParameter("needs one robot for each process", param_hint="'--metrics-port'")
-    with traces_to(trace, f"eal serve {' '.join(names)}", out), _served(read_fleet(fleet, names), names) as services:
+    config = read_fleet(fleet, names)
+    with traces_to(trace, f"eal serve {' '.join(names)}", out), _served(config, names) as services:
         service = services[0]
         options = context.find_object(GlobalOptions) or GlobalOptions()
         reload_at_hangup(partial(_reload, service, out, options))
         try:
+            print_line(out, _identity_line(config))
             for one in services:
                 print_line(out, Text.assemble((one.robot.name, "bold"), f" serves {', '.join(one.robot)}"))
                 how = "dials out to" if one.is_behind_router else "listening at"
@@ -53,6 +56,18 @@ def serve_robot(
                 _wait(services)
         except KeyboardInterrupt:
             out.print("halting and leaving the network")
+
+
+def _identity_line(config: FleetConfig) -> str:
+    """Return whose the robot is, and what to do if anybody with a fleet of this name may command it."""
+    if config.network.identity is not None:
+        return f"fleet {config.name}, identity {config.network.identity}"
+    if config.network.security is not None:
+        return f"fleet {config.name}"
+    advice = f"network: {{identity: {new_identity()}}}"
+    return (
+        f"fleet {config.name}, no identity: it obeys every fleet of this name; `{advice}` in the file tells them apart"
+    )
 
 
 @contextmanager

@@ -67,6 +67,7 @@ class CommandInfo:
         description: one line for people.
         seconds_per_unit: time that it takes for each unit of an argument in the text, added to the default deadline.
         pace: the configuration key of its speed, in units a second; empty for none.
+        repeatable: given twice, it leads to the same state as once, so a resumed run may give it again.
     """
 
     name: str
@@ -76,6 +77,7 @@ class CommandInfo:
     description: str = ""
     seconds_per_unit: float = 0.0
     pace: str = ""
+    repeatable: bool = False
 
     @property
     def prefix(self) -> str | None:

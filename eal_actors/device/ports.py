@@ -9,13 +9,13 @@ from __future__ import annotations
 import contextlib
 import os
 import select
-import termios
 import threading
 from collections.abc import Callable
 from typing import Any, Final, Generic, Protocol, TypeVar
 
 from eal_actors.kernel.clock import REAL_TIME, Clock, new_waiter
 from eal_actors.kernel.errors import EALError, NotReadyError
+from eal_actors.kernel.posix import TerminalError
 
 _T = TypeVar("_T")
 _D = TypeVar("_D")
@@ -24,7 +24,7 @@ _FIRST_TRY_S: Final = 0.2
 _LONGEST_TRY_S: Final = 5.0
 _JOIN_S: Final = 1.0
 _POLL_PEER_CLOSED: Final = getattr(select, "POLLRDHUP", 0)
-_BROKEN: Final = (OSError, termios.error)  # pyserial's errors are among the first; the second is none of them
+_BROKEN: Final = (OSError, TerminalError)  # pyserial's errors are among the first; the second is none of them
 
 
 class BytePort(Protocol):
@@ -272,7 +272,7 @@ def _discard_output(port: Any) -> None:
 
 def _why(error: BaseException) -> str:
     """Return the operating system's message of an error, if there is one; pyserial wraps it, with the port's name."""
-    if isinstance(error, termios.error):
+    if isinstance(error, TerminalError):
         return str(error.args[-1]).lower()
     found = system_error(error)
     if found is None or found.errno is None:

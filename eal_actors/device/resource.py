@@ -40,7 +40,12 @@ _MARK: Final = "_eal_mark"
 
 
 def command(
-    name: str, argument: ValueInfo | None = None, *, urgent: bool = False, description: str = ""
+    name: str,
+    argument: ValueInfo | None = None,
+    *,
+    urgent: bool = False,
+    repeatable: bool = False,
+    description: str = "",
 ) -> Callable[[_F], _F]:
     """Make a method a command of send_cmd.
 
@@ -51,9 +56,11 @@ def command(
         name: the command's text; `r<degrees>` takes the argument from the text, as in `r45`.
         argument: its type, unit and range.
         urgent: overtake all calls in the mailbox and drop the commands among them. For stops.
+        repeatable: given twice, it leads to the same state as once, as a lamp that is switched on.
         description: one line for people; the method's docstring's first line if empty.
     """
-    return _marker("command", name, argument=argument, urgent=urgent, description=description)
+    fields = {"argument": argument, "urgent": urgent, "repeatable": repeatable or urgent, "description": description}
+    return _marker("command", name, **fields)
 
 
 def request(

@@ -5,10 +5,8 @@ from __future__ import annotations
 import contextlib
 import errno
 import getpass
-import grp
 import os
 import stat
-import termios
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +16,7 @@ from urllib.parse import urlsplit
 from eal_actors.device.ports import BytePort, system_error
 from eal_actors.device.sockets import open_tcp
 from eal_actors.kernel.errors import PluginError
+from eal_actors.kernel.posix import TerminalError, grp
 
 _WRITE_TIMEOUT_S: Final = 1.0
 """Pyserial checks the time after the bytes are sent: on a busy machine a shorter one would lose a working port."""
@@ -68,7 +67,7 @@ def open_serial(
         port.open()
     except ValueError as error:
         raise PluginError(f"serial port {url}: {error}") from error
-    except (OSError, termios.error) as error:
+    except (OSError, TerminalError) as error:
         raise _explained(error, url) from error
     opened: BytePort = port
     return opened
@@ -76,10 +75,10 @@ def open_serial(
 
 def _explained(error: Exception, url: str) -> Exception:
     """Return the error of an opening that failed, with a note on what may help."""
-    if isinstance(error, termios.error):
+    if isinstance(error, TerminalError):
         return OSError(*error.args)
     found, context = system_error(error), error.__context__
-    number = found.errno if found is not None else context.args[0] if isinstance(context, termios.error) else None
+    number = found.errno if found is not None else context.args[0] if isinstance(context, TerminalError) else None
     if number == errno.ENOTTY:
         return PluginError(f"{url} is no serial port, but another device")
     if number in (errno.EBUSY, errno.EAGAIN):

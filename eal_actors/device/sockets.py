@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import fcntl
 import select
 import socket
 import struct
-import termios
 from typing import Final
 
 from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.posix import fcntl, termios
 
 _WRITE_TIMEOUT_S: Final = 0.2
 _CONNECT_TIMEOUT_S: Final = 5.0

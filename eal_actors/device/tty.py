@@ -8,13 +8,13 @@ it back when it closes.
 from __future__ import annotations
 
 import contextlib
-import fcntl
-import termios
 from collections.abc import Mapping
 from typing import Any
 
 import serial
 from typing_extensions import override
+
+from eal_actors.kernel.posix import HAS_TERMINALS, fcntl, termios
 
 
 class ExclusiveSerial(serial.Serial):  # type: ignore[misc]  # pyserial has no types
@@ -23,14 +23,14 @@ class ExclusiveSerial(serial.Serial):  # type: ignore[misc]  # pyserial has no t
     @override
     def open(self) -> None:
         super().open()
-        if self.exclusive:
+        if self.exclusive and HAS_TERMINALS:
             fcntl.ioctl(self.fd, termios.TIOCEXCL)
-        with contextlib.suppress(ValueError):  # no adapter that holds bytes back
+        with contextlib.suppress(ValueError, AttributeError):  # no adapter that holds bytes back, or another system
             self.set_low_latency_mode(True)
 
     @override
     def close(self) -> None:
-        if self.is_open and self.exclusive:
+        if self.is_open and self.exclusive and HAS_TERMINALS:
             with contextlib.suppress(OSError):  # it is unplugged
                 fcntl.ioctl(self.fd, termios.TIOCNXCL)
         super().close()

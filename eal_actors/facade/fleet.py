@@ -17,6 +17,7 @@ from eal_actors.device.plugin_context import FleetServices
 from eal_actors.device.world import NamedPlace
 from eal_actors.facade.fix_forwarding import FixForwarder
 from eal_actors.facade.fleet_calls import FleetCalls
+from eal_actors.facade.fleet_table import fleet_table
 from eal_actors.facade.robot_starter import RobotStarter
 from eal_actors.facade.shutdown import close_on_exit, forget
 from eal_actors.kernel.clock import Clock
@@ -243,6 +244,10 @@ class Fleet(FleetCalls):
 
     def __repr__(self) -> str:
         return f"<Fleet {self.name}: {len(self.config.robots)} robots, {'open' if self._robots else 'closed'}>"
+
+    def _repr_html_(self) -> str:
+        """Return a table of the robots, which notebooks show."""
+        return fleet_table(self.config, self._robots)
 
     def __getitem__(self, name: str) -> RobotHandle:
         """Return a robot.

@@ -16,7 +16,8 @@ from typing import Final, NoReturn
 
 import eal_actors.wire.engine_exit  # noqa: F401  # its exit handler runs after this module's
 
-_SIGNALS: Final = (signal.SIGTERM, signal.SIGHUP)
+_SIGNALS: Final = tuple(one for one in signal.valid_signals() if getattr(one, "name", "") in ("SIGTERM", "SIGHUP"))
+"""Signals that end a program; not every system has both."""
 _actions: dict[Callable[[], None], None] = {}
 
 

@@ -1,6 +1,7 @@
 """Logging: one structlog configuration, whose lines name the robot, resource and call.
 
-Terminals get coloured lines on stderr, programs get JSON lines. A library must not write unasked, so without
+Terminals get coloured lines on stderr, programs get JSON lines. Python's own `logging` gets every line too, where a
+program has set it up. A library must not write unasked, so without
 `configure_logging` only warnings and errors are shown.
 
 A resource's actor records its resource and call in its thread, so that every line written there, by the framework or
@@ -23,6 +24,8 @@ LogFormat = Literal["human", "json"]
 
 _resource: ContextVar[Mapping[str, str]] = ContextVar("resource", default=MappingProxyType({}))
 _call_id: ContextVar[int | None] = ContextVar("call id", default=None)
+_LOGGER: Final = logging.getLogger("eal_actors")
+_OWN_FIELDS: Final = frozenset({"event", "level", "timestamp", "exc_info"})
 debug_enabled = False
 """Whether debug lines are shown: a check before costly messages. A variable, because every call reads it."""
 
@@ -41,6 +44,18 @@ def _add_context(_: object, __: str, event: structlog.typing.EventDict) -> struc
         event.setdefault(key, value)
     if (call_id := _call_id.get()) is not None:
         event.setdefault("call", call_id)
+    return event
+
+
+def _send_on(_: object, __: str, event: structlog.typing.EventDict) -> structlog.typing.EventDict:
+    """Give the line to Python's own `logging` too, as the logger `eal_actors`, if the program has handlers there."""
+    level = logging.getLevelNamesMapping().get(str(event.get("level", "")).upper(), logging.ERROR)
+    if _LOGGER.isEnabledFor(level) and _LOGGER.hasHandlers():
+        fields = {key: value for key, value in event.items() if key not in _OWN_FIELDS}
+        words = "".join(f" {key}={value}" for key, value in fields.items())
+        exc_info = event.get("exc_info")
+        failure = sys.exc_info() if exc_info is True else exc_info
+        _LOGGER.log(level, "%s%s", event.get("event", ""), words, extra={"eal": fields}, exc_info=failure or None)
     return event
 
 
@@ -88,6 +103,7 @@ def configure_logging(format: LogFormat = "human", level: str = "info", stream: 
     shared: list[structlog.typing.Processor] = [
         _add_context,
         structlog.processors.add_log_level,
+        _send_on,
         structlog.processors.TimeStamper(fmt="iso" if format == "json" else "%H:%M:%S"),
     ]
     if format == "json":

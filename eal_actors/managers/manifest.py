@@ -70,6 +70,9 @@ class EmulatorSection(StrictModel):
     """Module of the plugin that contains the emulator."""
     wire: Literal["pty", "tcp", "udp"] | None = None
     """How `eal plugin check` connects `emulate(settings, now_s)` of the module; left out, it does not."""
+    world_wire: Literal["pty", "tcp", "udp"] | None = None
+    """How `eal lab` connects `emulate_in_world(context, url)` of the module, if the fleet has a world; left out, the
+    device is not in the world."""
     settings: dict[str, str] = Field(default={})
     """Settings that lead the driver to the wire. `{address}` is a device path or `host:port`, `{host}` and `{port}` are
     its parts; `{port}` alone becomes a number."""

@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from secrets import token_hex
 from typing import Annotated, Final, Literal
 
 from pydantic import AfterValidator, Field
@@ -222,6 +223,11 @@ class NetworkConfig:
     shared_memory: bool = True
     identity: str | None = None
     lost_after_s: float | None = None
+
+
+def new_identity() -> str:
+    """Return an identity that no other fleet has."""
+    return f"id-{token_hex(4)}"
 
 
 DEFAULT_NETWORK: Final = NetworkConfig()

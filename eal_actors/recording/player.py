@@ -8,6 +8,7 @@ from importlib.resources import files
 from typing import Any, Final
 
 from eal_actors.recording.picture import MapPicture
+from eal_actors.recording.player_media import player_media
 from eal_actors.recording.poses import PoseSample
 from eal_actors.recording.run_folder import RunFolder
 from eal_actors.recording.timeline import RunTimeline
@@ -42,6 +43,7 @@ def player_data(run: RunFolder, line: RunTimeline, picture: MapPicture) -> dict[
         "chart": CHART,
         "robots": {name: _columns(list(_moving(path))) for name, path in run.paths.items() if path},
         "steps": steps,
+        **player_media(run),
     }
 
 

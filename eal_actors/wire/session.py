@@ -18,6 +18,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
@@ -27,6 +28,7 @@ from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER, DEFAULT_NETWORK, NetworkConfig, parse_endpoint
 from eal_actors.wire.engine_exit import close_at_exit
 from eal_actors.wire.format.packing import MAX_CALL_BYTES, MAX_ENVELOPE_BYTES, MAX_PAYLOAD_BYTES
+from eal_actors.wire.link_watch import Link, watching
 from eal_actors.wire.security.accept_guard import ROBOT_STRANGERS, ROUTER_STRANGERS, guarding, raise_file_limit
 from eal_actors.wire.security.access import controller_access, robot_access, router_access, tls_config
 from eal_actors.wire.security.packet_filter import plain_address
@@ -50,10 +52,12 @@ _MAX_DIAL_MS: Final = 1000
 _MAX_HANDSHAKES: Final = 2048
 """Simultaneous transport handshakes; fewer strangers that never finish theirs cannot keep others out."""
 _HANDSHAKE_MS: Final = 2000
-"""Time-out of the transport handshake; enough for a slow link."""
+"""Time-out of the engine's handshake over plain links, where it bounds how long strangers occupy a robot."""
 _TLS_HANDSHAKE_MS: Final = 20_000
-"""Time-out of a TLS handshake. It is long, because the listener sleeps 0.1 s after each that fails: while strangers
-fail faster than that, nobody's handshake is finished in a shorter time."""
+"""Time-out of a TLS handshake, and of the engine's own after it. It is long, because the listener sleeps 0.1 s after
+each TLS handshake that fails: while strangers fail faster than that, nobody's is finished in a shorter time. And an
+engine's handshake that is cut off near its end leaves a link that is not read (link_watch), as 2 s did on slow boards.
+"""
 _MAX_CALL_BYTES: Final = MAX_CALL_BYTES + 2 * MAX_ENVELOPE_BYTES
 """Largest message that a robot puts together of fragments; zenoh's own limit is 1 GiB."""
 _MAX_MESSAGE_BYTES: Final = MAX_PAYLOAD_BYTES + 2 * MAX_ENVELOPE_BYTES
@@ -66,6 +70,10 @@ _BATCHES: Final = 16
 between its pieces, and the image takes twice as long. Streams, which are dropped rather than queued, keep two."""
 _QUEUE: Final = {"size": {"data": _BATCHES}, "congestion_control": {"block": {"wait_before_close": _STALLED_US}}}
 _M_MMAP_THRESHOLD: Final = -3
+_M_ARENA_MAX: Final = -8
+_ARENAS: Final = 2
+"""Heaps of glibc, which makes one for nearly each thread otherwise. A minute of messages of 900 MB took a robot from 82
+to 125 MB, once to 134 MB, and to 104 MB with this."""
 _LARGE_BYTES: Final = 2**20
 """Size from which glibc returns a buffer to the system when it is freed. Its own size grows with the largest buffer
 freed. Eight refused messages of 900 MiB took a robot from 100 to 130 MB, and to 121 MB with this."""
@@ -214,7 +222,7 @@ def _config(
             "unicast": {
                 "max_sessions": max(_MIN_SESSIONS, sessions),
                 "accept_pending": _MAX_HANDSHAKES,
-                "accept_timeout": _HANDSHAKE_MS,
+                "accept_timeout": _TLS_HANDSHAKE_MS if protocols == ["tls"] else _HANDSHAKE_MS,
                 "compression": {"enabled": network.compression},
             },
             "link": {
@@ -227,7 +235,9 @@ def _config(
 
 
 @contextmanager
-def open_session(config: dict[str, Any], timeout_s: float = 5.0) -> Iterator[zenoh.Session]:
+def open_session(
+    config: dict[str, Any], timeout_s: float = 5.0, on_stuck: Callable[[], object] | None = None
+) -> Iterator[zenoh.Session]:
     """Open a session for the length of a `with` block.
 
     A client waits for the first router that answers. Peers and routers open without waiting; a refused link, for
@@ -236,6 +246,7 @@ def open_session(config: dict[str, Any], timeout_s: float = 5.0) -> Iterator[zen
     Args:
         config: a configuration from this module.
         timeout_s: greatest real seconds for opening.
+        on_stuck: called when the engine finishes no handshake any more; the session should be opened again then.
 
     Raises:
         UnavailableError: the port is in use, no router answers, or it took too long.
@@ -252,24 +263,28 @@ def open_session(config: dict[str, Any], timeout_s: float = 5.0) -> Iterator[zen
     if config["listen"]["endpoints"]:
         raise_file_limit()
         with contextlib.suppress(AttributeError):  # another C library
-            ctypes.CDLL(None).mallopt(_M_MMAP_THRESHOLD, _LARGE_BYTES)
+            library = ctypes.CDLL(None)
+            library.mallopt(_M_MMAP_THRESHOLD, _LARGE_BYTES)
+            library.mallopt(_M_ARENA_MAX, _ARENAS)
     with ExitStack() as stack:
         session = _open(checked, config, timeout_s)
         stack.callback(_close, session, config)
         listening = (parse_endpoint(text) for text in endpoints_of(config)[: len(config["listen"]["endpoints"])])
         most = ROUTER_STRANGERS if config["mode"] == "router" else ROBOT_STRANGERS
         ports = frozenset(endpoint.port for endpoint in listening)
-        stack.enter_context(guarding(ports, most, lambda: list(_linked_addresses(session, ports))))
+        links = partial(_links, session)
+        stack.enter_context(guarding(ports, most, lambda: [link.peer for link in links() if link.port in ports]))
+        stack.enter_context(watching(lambda: set(links()), ports, on_stuck))
         stack.callback(close_at_exit(stack.close))
         yield session
 
 
-def _linked_addresses(session: zenoh.Session, ports: frozenset[int]) -> Iterator[str]:
-    """Yield the IP address of the other end of each link that was accepted at one of the ports."""
+def _links(session: zenoh.Session) -> Iterator[Link]:
+    """Yield the TCP links of a session."""
     for link in session.info.links():
         with contextlib.suppress(ValueError):
-            if parse_endpoint(str(link.src)).port in ports:
-                yield plain_address(parse_endpoint(str(link.dst)).host)
+            here, there = parse_endpoint(str(link.src)), parse_endpoint(str(link.dst))
+            yield Link(here.port, plain_address(there.host), there.port)
 
 
 def _open(checked: zenoh.Config, config: dict[str, Any], timeout_s: float) -> zenoh.Session:

@@ -1,8 +1,9 @@
-"""SessionKeeper: keeps a session open, and opens it again when its keys change, so that no restart is needed.
+"""SessionKeeper: keeps a session open, and opens it again when its keys change or its engine is out of order.
 
 zenoh reads certificates and access control when a session opens. A renewed certificate or a longer list of revoked ones
 takes effect by a new session: its predecessor's links end, and all controllers whose certificates still count connect
-again.
+again. An engine that finishes no handshake any more (link_watch) is replaced in the same way, so that no restart of the
+process is needed. Meanwhile no heartbeat arrives, and the dead-man's switch halts what controllers move.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ class SessionKeeper(EALActor):
         network: the fleet's network; without security nothing is watched.
         configure: returns the session's zenoh configuration.
 
-    Thread: an actor, which blocks while it opens a session; it runs only in a fleet with security.
+    Thread: an actor, which blocks while it opens a session.
     """
 
     def __init__(self, name: str, network: NetworkConfig, configure: Callable[[], dict[str, Any]]) -> None:
@@ -51,20 +52,20 @@ class SessionKeeper(EALActor):
         self._keys = KeyWatch(None if network.security is None else network.security.keys, name)
         self._on_session: Callable[[zenoh.Session], None] = lambda _: None
         self._stack = ExitStack()
+        self._is_stuck = False
 
     def open(self) -> zenoh.Session:
         """Open the first session; see open_session. Thread: blocks the caller."""
-        return self._stack.enter_context(open_session(self._configure()))
+        return self._stack.enter_context(open_session(self._configure(), on_stuck=self._replace_soon))
 
     def follow(self, on_session: Callable[[zenoh.Session], None]) -> None:
-        """Watch the keys from now on.
+        """Watch the keys and the engine from now on.
 
         Args:
             on_session: called with each later session, after its predecessor was closed. Thread: the keeper's.
         """
         self._on_session = on_session
-        if self._keys:
-            self.launch()
+        self.launch()
 
     def close(self) -> None:
         """Close the session. Thread: blocks the caller, for a bounded time."""
@@ -73,6 +74,10 @@ class SessionKeeper(EALActor):
             return
         self.end_soon()
         self.thread.join(_JOIN_S)
+
+    def _replace_soon(self) -> None:
+        """Open the session again, with the next tick. Thread: any."""
+        self._is_stuck = True
 
     @override
     def on_start(self) -> None:
@@ -89,21 +94,24 @@ class SessionKeeper(EALActor):
 
     def _tick(self) -> None:
         if self._keys.has_changed():
-            self._reopen()
+            self._reopen("the keys have changed")
+        elif self._is_stuck:
+            self._reopen("the network engine finishes no handshake")
         self.actor_inbox.call_later(WATCH_PERIOD_S, self._tick)
 
-    def _reopen(self) -> None:
+    def _reopen(self, why: str) -> None:
         import zenoh
 
         log = get_logger(actor=self.name)
         self._stack.close()
         try:
-            self._on_session(self._stack.enter_context(open_session(self._configure())))
+            self._on_session(self.open())
         except (EALError, zenoh.ZError) as error:  # tried again with the next tick
-            log.error("the network cannot be opened with the changed keys; it is tried again", reason=error_text(error))
+            log.error("the network cannot be opened again; it is tried again", why=why, reason=error_text(error))
             return
+        self._is_stuck = False
         self._keys.accept()
-        log.info("the keys have changed: the network was opened again")
+        log.warning(f"{why}: the network was opened again")
 
 
 @contextmanager

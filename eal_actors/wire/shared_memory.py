@@ -13,7 +13,6 @@ the link. The file is sealed: nobody can shrink it, which would kill the other p
 
 from __future__ import annotations
 
-import fcntl
 import mmap
 import os
 import secrets
@@ -24,6 +23,7 @@ from typing import Final, NamedTuple, Self
 
 from eal_actors.device.data import Payload
 from eal_actors.kernel.errors import ProtocolError, UnavailableError
+from eal_actors.kernel.posix import fcntl
 
 LEAST_BYTES: Final = 64 * 1024
 """Length from which a value is handed over in shared memory; a shorter one takes as long over a link."""

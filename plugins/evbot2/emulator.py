@@ -15,6 +15,8 @@ from collections.abc import Callable, Mapping
 from random import Random
 from typing import Any, Final
 
+from eal_actors.plugin import BytePort, PluginContext
+
 from .firmware import BaseEmulator, Firmware, any_boot
 from .messages import OrderChannel
 from .protocol import BAUD_RATE, MODEL, BaseLineCodec
@@ -51,6 +53,11 @@ def free_vehicle(now_s: Callable[[], float], track_factor: float = 1.0) -> FreeV
 def emulate(settings: Mapping[str, Any], now_s: Callable[[], float]) -> BaseEmulator:  # noqa: ARG001  # the same for all
     """Return the emulator for `eal plugin check`: an EvBot II on an endless floor."""
     return evbot2(free_vehicle(now_s), TICK_S, any_boot())
+
+
+def emulate_in_world(context: PluginContext, url: str) -> BytePort:
+    """Return the emulator for `eal lab`: an EvBot II in a simulated world."""
+    return context.simulated_port(url, "evbot2", simulated_evbot2)
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -19,7 +19,7 @@ from typing import Any, Final
 
 from typing_extensions import override
 
-from eal_actors.plugin import PluginError
+from eal_actors.plugin import BytePort, PluginContext, PluginError
 
 from ..evbot2.emulator import share
 from ..evbot2.firmware import BaseEmulator, Firmware, any_boot
@@ -122,6 +122,11 @@ class FreeTurretVehicle(FreeVehicle, TurretVehicle):
 def emulate(settings: Mapping[str, Any], now_s: Callable[[], float]) -> BaseEmulator:  # noqa: ARG001  # the same for all
     """Return the emulator for `eal plugin check`: an EvBot III on an endless floor."""
     return evbot3(FreeTurretVehicle(now_s), TICK_S, any_boot())
+
+
+def emulate_in_world(context: PluginContext, url: str) -> BytePort:
+    """Return the emulator for `eal lab`: an EvBot III in a simulated world."""
+    return context.simulated_port(url, "evbot3", simulated_evbot3)
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -62,7 +62,7 @@ class TurretCommands(Resource):
         """Turn right by an angle."""
         return self.swing(-degrees)
 
-    @command("t<degrees>", _TO_ANGLE)
+    @command("t<degrees>", _TO_ANGLE, repeatable=True)
     def turn_to(self, degrees: float) -> Activity:
         """Turn to an angle to the left of straight ahead, in the shorter direction."""
         return self.aim(degrees)

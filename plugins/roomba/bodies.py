@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 from typing_extensions import override
 
@@ -73,6 +73,36 @@ class RoombaBody(Protocol):
     def battery(self) -> RoombaBatteryReading:
         """Return the state of the battery."""
         ...
+
+
+class OtherWheelbase:
+    """A body with its wheels at another distance: the same speeds turn it at another rate.
+
+    Args:
+        body: the body.
+        factor: the distance of its wheels by that of the body.
+    """
+
+    def __init__(self, body: RoombaBody, factor: float) -> None:
+        self._body = body
+        self._factor = factor
+
+    def drive(self, left_m_s: float, right_m_s: float) -> None:
+        """Set the wheels' speeds until the next call; both 0 stops."""
+        self._body.drive(*_spread(left_m_s, right_m_s, 1 / self._factor))
+
+    def travel_m(self) -> tuple[float, float]:
+        """Return the totals of the left and the right wheel's encoder, forward positive."""
+        return _spread(*self._body.travel_m(), self._factor)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._body, name)
+
+
+def _spread(left: float, right: float, factor: float) -> tuple[float, float]:
+    """Multiply the difference of two values, and keep their mean."""
+    mean, half = (left + right) / 2, (right - left) / 2 * factor
+    return mean - half, mean + half
 
 
 @dataclass

@@ -13,8 +13,10 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, Final
 
+from eal_actors.plugin import BytePort, PluginContext
+
 from . import oi, sci, serving
-from .bodies import FreeRoombaBody, RoombaBody
+from .bodies import FreeRoombaBody, OtherWheelbase, RoombaBody
 from .emulated_roomba import EmulatedRoomba
 from .motes import ByteEmulator, MotePair
 from .oi_emulator import OiEmulator
@@ -22,6 +24,8 @@ from .sci_emulator import SciEmulator
 from .tinyos import Header, TinyosFraming
 
 _WHEELBASE_M: Final = {"sci": sci.WHEELBASE_M, "oi": oi.WHEELBASE_M}
+SIMULATED_WHEELBASE_M: Final = sci.WHEELBASE_M
+"""The simulated Roomba is a 4xx, with either protocol."""
 _BAUD_RATE: Final = {"sci": sci.BAUD_RATE, "oi": oi.BAUD_RATE}
 _MOTE_BAUD_RATE: Final = 115200
 _NOT_OF_PACKETS: Final = ("baudrate", "tries")
@@ -47,6 +51,23 @@ def emulate(settings: Mapping[str, Any], now_s: Callable[[], float]) -> ByteEmul
     if settings.get("link") == "sim":
         return None
     roomba, _ = _free_roomba(settings["protocol"], now_s)
+    return _at_its_link(settings, roomba)
+
+
+def emulate_in_world(context: PluginContext, url: str) -> BytePort:
+    """Return the emulator for `eal lab`: a Roomba in a simulated world, behind motes if its link is `mote`."""
+    settings = context.settings
+    protocol = settings["protocol"]
+
+    def make(body: RoombaBody) -> ByteEmulator:
+        wheelbase_m = _WHEELBASE_M[protocol]
+        as_wide = OtherWheelbase(body, wheelbase_m / SIMULATED_WHEELBASE_M)
+        return _at_its_link(settings, make_emulator(protocol, as_wide, wheelbase_m))
+
+    return context.simulated_port(url, "roomba", make)
+
+
+def _at_its_link(settings: Mapping[str, Any], roomba: EmulatedRoomba) -> ByteEmulator:
     if settings.get("link") != "mote":
         return roomba
     packets = {key: value for key, value in settings.get("mote", {}).items() if key not in _NOT_OF_PACKETS}

@@ -34,7 +34,7 @@ _LEVEL: Final = ValueInfo(DataType.INT, None, 0, 255)
 def _switch(name: str, light: str) -> Callable[[Any, bool], Activity]:
     """Return the command that switches a light."""
 
-    @command(name, _FLAG, description=f"Switch {light} on or off.")
+    @command(name, _FLAG, repeatable=True, description=f"Switch {light} on or off.")
     def switch(self: RoombaLeds, on: bool) -> Activity:
         return self.show(**{name: on})
 
@@ -73,17 +73,17 @@ class RoombaLeds(Resource):
     def halt(self) -> None:
         """Do nothing: a light does not move."""
 
-    @command("power_colour<level>", _LEVEL)
+    @command("power_colour<level>", _LEVEL, repeatable=True)
     def set_power_colour(self, level: int) -> Activity:
         """Set the colour of the power light, from 0 green to 255 red."""
         return self.show(power_colour=level)
 
-    @command("power_intensity<level>", _LEVEL)
+    @command("power_intensity<level>", _LEVEL, repeatable=True)
     def set_power_intensity(self, level: int) -> Activity:
         """Set the intensity of the power light, from 0 off to 255 full."""
         return self.show(power_intensity=level)
 
-    @command("off")
+    @command("off", repeatable=True)
     def switch_off(self) -> Activity:
         """Switch all lights off."""
         return self._send(self.dark)
@@ -119,7 +119,7 @@ class _SciLights:
     clean = _is_on("clean", "the light of CLEAN")
     spot = _is_on("spot", "the light of SPOT")
 
-    @command("status", _STATUS)
+    @command("status", _STATUS, repeatable=True)
     def set_status(self: Any, colour: str) -> Activity:
         """Set the status light."""
         activity: Activity = self.show(status=StatusLed[colour.upper()])
@@ -209,7 +209,7 @@ class RoombaSong(SongBook):
         """Return why the Roomba cannot be used at present."""
         return self._roomba.not_ready()
 
-    @command("notes", NOTES)
+    @command("notes", NOTES, repeatable=True)
     def set_notes(self, text: str) -> Activity:
         """Store the song's notes, at most 16."""
         notes = parse_notes(text)

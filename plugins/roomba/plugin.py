@@ -5,15 +5,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final, TypeAlias
+from typing import TypeAlias
 
 from eal_actors.plugin import EALPlugin, OdometryNoise, PluginContext, PoseResource, Resource
 
-from . import oi, sci
+from . import oi
 from .base import RoombaBase
 from .bodies import RoombaBody
 from .driver import RoombaDriver
-from .emulator import make_emulator
+from .emulator import SIMULATED_WHEELBASE_M, make_emulator
 from .link import RoombaLink, SerialLink, open_port
 from .mote_link import MoteLink
 from .motes import ByteEmulator, MotePair
@@ -34,9 +34,6 @@ from .sci_driver import SciDriver
 from .settings import Settings
 
 __all__ = ["Settings", "connect", "disconnect"]
-
-_SIMULATED_WHEELBASE_M: Final = sci.WHEELBASE_M
-"""The simulated Roomba is a 4xx, with either protocol."""
 
 ResourceKind: TypeAlias = Callable[[RoombaDriver], Resource]
 
@@ -76,7 +73,7 @@ def connect(context: PluginContext) -> RoombaPlugin:
     if settings.protocol == "sci":
         roomba = SciDriver(link, context.clock, mode, settings.poll_hz, context.robot)
     else:
-        wheelbase_m = _SIMULATED_WHEELBASE_M if settings.is_simulated else oi.WHEELBASE_M
+        wheelbase_m = SIMULATED_WHEELBASE_M if settings.is_simulated else oi.WHEELBASE_M
         roomba = OiDriver(link, context.clock, mode, settings.poll_hz, context.robot, wheelbase_m)
     roomba.calibration, roomba.localizer = settings.calibration, context.localizer
     noise = OdometryNoise(roomba.wheelbase_m, 0.0008, 0.002, scale_share=0.005, drift_rad_m=0.02, turn_share=0.015)
@@ -102,7 +99,7 @@ def disconnect(plugin: RoombaPlugin) -> None:
 
 def _link(context: PluginContext, settings: Settings) -> RoombaLink:
     def emulate(body: RoombaBody) -> ByteEmulator:
-        roomba = make_emulator(settings.protocol, body, _SIMULATED_WHEELBASE_M)
+        roomba = make_emulator(settings.protocol, body, SIMULATED_WHEELBASE_M)
         return MotePair(roomba, settings.motes().framing()) if settings.link == "mote" else roomba
 
     port = open_port(context, settings.url, settings.line_baudrate, emulate)

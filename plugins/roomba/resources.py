@@ -215,12 +215,12 @@ class RoombaPower(Resource):
         """Return 0 while it sleeps, 1 while it is awake."""
         return 0 if self._roomba.is_asleep else 1
 
-    @command("sleep")
+    @command("sleep", repeatable=True)
     def sleep(self) -> Activity:
         """Stop, and put it to sleep as its power button does."""
         return self._roomba.fall_asleep()
 
-    @command("wake")
+    @command("wake", repeatable=True)
     def wake(self) -> Activity:
         """Wake it by the device detect line, and start it."""
         return self._roomba.wake_up()

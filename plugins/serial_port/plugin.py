@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import termios
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
@@ -25,7 +24,11 @@ from eal_actors.plugin import (
 
 from .line import LOOK_S, Line, resource_functions
 
-_UNSUPPORTED: Final = (OSError, ValueError, termios.error)
+try:
+    from termios import error as TerminalError  # noqa: N812  # a class
+except ModuleNotFoundError:  # a system without POSIX terminals
+    TerminalError = OSError  # type: ignore[misc,assignment]
+_UNSUPPORTED: Final = (OSError, ValueError, TerminalError)
 _BAUDRATE: Final = ValueInfo(DataType.INT, "Bd", 50, 4_000_000)
 _BYTESIZE: Final = ValueInfo(DataType.INT, "bit", choices=(5, 6, 7, 8))
 _PARITY: Final = ValueInfo(DataType.CHAR, choices=("N", "E", "O", "M", "S"))

@@ -3,6 +3,7 @@
 # ruff: noqa: N802  # the plugin API derives these names from the resources
 from __future__ import annotations
 
+import importlib.util
 import math
 from collections.abc import Callable
 from typing import Any, Self, TypeVar
@@ -10,7 +11,15 @@ from typing import Any, Self, TypeVar
 from pydantic import model_validator
 from typing_extensions import override
 
-from eal_actors.plugin import EALPlugin, Field, PluginContext, PluginSettingsModel, Resource, WheelCalibration
+from eal_actors.plugin import (
+    EALPlugin,
+    Field,
+    PluginContext,
+    PluginSettingsModel,
+    Resource,
+    WheelCalibration,
+    get_logger,
+)
 
 from . import resources
 from .faults import SENSORS, FaultPlan, PlannedFault
@@ -103,11 +112,19 @@ class Settings(PluginSettingsModel):
         return dict.fromkeys(changed, "cannot change while the robot is in the simulated world; close the fleet first")
 
 
+def _working(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the resources that work here: without OpenCV there are no pictures."""
+    if importlib.util.find_spec("cv2") is not None:
+        return names
+    get_logger().warning("Camera is left out: pictures need OpenCV: pip install 'eal-actors[vision]'")
+    return tuple(name for name in names if name != "Camera")
+
+
 class SimPlugin(EALPlugin):
     """A robot in the fleet's simulated world."""
 
     def __init__(self, world: SimWorld, robot: SimRobot, settings: Settings) -> None:
-        super().__init__(*settings.resources)
+        super().__init__(*_working(settings.resources))
         self.world = world
         self.robot = robot
 

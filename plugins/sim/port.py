@@ -13,6 +13,7 @@ from urllib.parse import urlsplit
 
 from eal_actors.plugin import PluginContext, PluginError, UnavailableError
 
+from .arena import Pose2D
 from .battery import SimBattery
 from .models import MAKES
 from .robot import SimRobot
@@ -110,6 +111,17 @@ class SimulatedPort:
             self._check_open()
             self._feed(bytes(data), now_s)
         return len(data)
+
+    def feed(self, data: bytes, now_s: float) -> bytes:  # noqa: ARG002  # the world's time is later, and the right one
+        """Send bytes to the device, and return all received bytes, as an emulator does."""
+        self.write(data)
+        return self.read(_BUFFER_SIZE)
+
+    @property
+    def pose(self) -> Pose2D:
+        """The true pose of the robot."""
+        with self._world.caught_up():
+            return self._robot.pose
 
     def read(self, size: int = 1) -> bytes:
         """Return at most `size` received bytes; empty for none."""

@@ -1,4 +1,4 @@
-"""How many updates a second reach the dashboard's page, in a real Chromium, while a hundred simulated robots drive."""
+"""Updates a second that reach the dashboard, and frames a second that Chromium draws, while a hundred robots drive."""
 
 from __future__ import annotations
 
@@ -28,10 +28,25 @@ WINDOW_MS: Final = 2000
 """Over which the page counts."""
 WINDOWS: Final = 5
 LEAST: Final = 20
+LEAST_FRAMES: Final = 30
+"""Of 60 at most. Chromium draws without a GPU here, on the processors that simulate the robots; its script is idle for
+64 % of the time in mission control, and 82 % in the table."""
 VIEWS: Final = {
+    "mission": f"updates a second in mission control, {ROBOTS} robots driving",
+    "fleet": f"updates a second in the dashboard's table of {ROBOTS} driving robots",
     "map": f"updates a second in the dashboard's map, {ROBOTS} robots driving",
     "cameras": f"the same beside {CAMERAS} open cameras at 5 frames/s each",
 }
+COUNT_FRAMES: Final = """(ms) => new Promise((resolve) => {
+    let frames = -1;
+    const begin = performance.now();
+    const count = (now) => {
+        frames += 1;
+        if (now - begin < ms) requestAnimationFrame(count);
+        else resolve((1000 * frames) / (now - begin));
+    };
+    requestAnimationFrame(count);
+})"""
 
 
 def fleet_file(folder: Path) -> Path:
@@ -69,13 +84,20 @@ def open_cameras(page: Page) -> None:
     page.locator("[data-frames]").nth(CAMERAS - 1).wait_for(timeout=FIRST_FRAME_MS)
 
 
-def rates(page: Page) -> Sequence[float]:
-    """Return what the page counted, window by window."""
-    found = []
+def rates(page: Page) -> tuple[Sequence[float], Sequence[float]]:
+    """Return the updates a second that the page counted, and the frames a second that it drew, window by window."""
+    updates, frames = [], []
     for _ in range(WINDOWS):
-        page.wait_for_timeout(WINDOW_MS)
-        found.append(float(page.evaluate("document.body.dataset.rate")))
-    return found
+        frames.append(float(page.evaluate(COUNT_FRAMES, WINDOW_MS)))
+        updates.append(float(page.evaluate("document.body.dataset.rate")))
+    return updates, frames
+
+
+def result(what: str, counted: Sequence[float], unit: str, limit: float) -> Result:
+    """Return the mean of the windows, held against the limit."""
+    mean = statistics.fmean(counted)
+    least = f"least of {len(counted)} windows of {WINDOW_MS / 1000:g} s: {min(counted):.1f}"
+    return Result(what, f"{mean:.1f}", least, mean, limit, unit, at_least=True)
 
 
 def run() -> list[Result | Skipped]:
@@ -98,9 +120,8 @@ def run() -> list[Result | Skipped]:
                 open_cameras(page)
             drive(fleet)
             page.wait_for_timeout(SETTLE_MS)
-            counted = rates(page)
-            mean = statistics.fmean(counted)
-            least = f"least of {WINDOWS} windows of {WINDOW_MS / 1000:g} s: {min(counted):.1f}"
-            results.append(Result(what, f"{mean:.1f}", least, mean, LEAST, "updates/s", at_least=True))
+            updates, frames = rates(page)
+            results.append(result(what, updates, "updates/s", LEAST))
+            results.append(result(f"frames a second drawn in the view {view}", frames, "frames/s", LEAST_FRAMES))
         browser.close()
     return results

@@ -185,6 +185,65 @@ def test_a_scenario_is_checked_against_the_one_fleet(eal: Any, write: Any) -> No
     assert list(places) == [f"{wrong}:8:31", f"{wrong}:10:47"]
 
 
+def test_problems_of_one_stage_do_not_hide_those_of_the_next(eal: Any, write: Any) -> None:
+    """Unknown keys, variables, roles, robots, resources and settings are found by different stages."""
+    text = """version: 1
+name: wrong
+roles: {all: {}, gone: {robots: [two]}, few: {min: 2}}
+steps:
+  - on: all
+    do:
+      - {log: here, colour: red}
+      - log: "${nothing}"
+      - get_value: {resource: Rnge}
+  - on: al
+    do: [{log: misspelt}]
+  - on: rover-7
+    do: [{log: not there}]
+"""
+    settings = "{model: roomba, colour: red}"
+    wrong = write("wrong.yaml", text)
+    fleet = write(
+        "own.yaml", f"version: 1\nrobots: {{one: {{type: a}}}}\ntypes: {{a: {{plugins: {{sim: {settings}}}}}}}\n"
+    )
+    done = eal("check", wrong, fleet)
+    assert done.exit_code == 2
+    assert "own.yaml:3:44: " in done.stdout
+    fleet.write_text(fleet.read_text().replace(", colour: red", ""))
+    lines = [line.removeprefix(f"{wrong}:") for line in told(eal("check", wrong, fleet).stdout)[1:]]
+    assert {line.split(": ")[0]: line.split(": ")[1] for line in lines} == {
+        "3:34": "roles.gone.robots[0]",
+        "3:41": "roles.few",
+        "7:21": "steps[0].do[0].colour",
+        "8:17": "steps[0].do[1].log",
+        "9:31": "steps[0].do[2].get_value.resource",
+        "10:9": "steps[1].on",
+        "12:9": "steps[2].on",
+    }
+    assert "there is no role 'rover-7', so it is a robot, and the fleet 'own' has no robot 'rover-7'" in lines[-1]
+
+
+def test_a_step_names_its_robot(eal: Any, write: Any) -> None:
+    """`scout-1` is no misspelt `scouts`; a robot may have roles, and steps of its own."""
+    robots = "{scout-1: {type: a}, scout-2: {type: a}}"
+    fleet = write("own.yaml", f"version: 1\nrobots: {robots}\ntypes: {{a: {{plugins: {{sim: {{model: roomba}}}}}}}}\n")
+    part = "version: 1\nname: part\nsteps: [{on: scout-1, do: [{send_cmd: {resource: Base, cmd: l90}}]}]\n"
+    write("part.yaml", part)
+    steps = "steps: [{on: scout-2, do: [{send_cmd: {resource: Base, cmd: f0.1}}]}, {scenario: part.yaml}]"
+    own = write("named.yaml", f"version: 1\nname: named\nroles: {{scouts: {{}}}}\n{steps}\n")
+    assert eal("check", own, fleet).exit_code == 0
+    done = eal("run", own, "--fleet", fleet, "--rate", "max", "--json")
+    assert done.exit_code == 0, done.stderr
+    report = json.loads(done.stdout)
+    assert [(step["robot"], step["command"]) for step in report["steps"]] == [("scout-2", "f0.1"), ("scout-1", "l90")]
+    alone = write(
+        "alone.yaml", own.read_text().replace("{scenario: part.yaml}", "{on: scouts, do: [scenario: part.yaml]}")
+    )
+    assert "by itself, but it names the robot 'scout-1'" in eal("check", alone).stdout
+    nobody = write("nobody.yaml", "version: 1\nname: nobody\nsteps: [{log: x}]\n")
+    assert "no robots take part" in eal("check", nobody).stdout
+
+
 def test_what_cannot_be_simulated_is_said(eal: Any, slides: Path, move: Path) -> None:
     done = eal("check", slides, move)
     assert done.exit_code == 0

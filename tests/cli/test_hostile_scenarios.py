@@ -107,7 +107,7 @@ def nested_loops() -> str:
         ),
         (
             f"steps: [{{on: nobody, do: [{call('r1')}]}}]\n",
-            "s.yaml:4:14: steps[0].on: unknown role 'nobody'; known: all",
+            "s.yaml:4:14: steps[0].on: there is no role 'nobody', so it is a robot, and the fleet",
         ),
         (
             f"parameters: {{d: {{type: int, unit: cm, default: 10}}}}\nsteps: [{{on: all, do: [{call('f${d}')}]}}]\n",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import socket
 import subprocess
@@ -11,6 +12,8 @@ import pytest
 
 from eal_actors.kernel.log import get_logger
 from evbotos.build import Build
+from evbotos.claim_command import claim_machine
+from evbotos.errors import BuildError
 from evbotos.identity import put_identity
 from evbotos.lock import lock_path
 from evbotos.model import Local
@@ -19,7 +22,7 @@ from evbotos.provision_command import provision_fleet
 from evbotos.qemu import Machine
 from evbotos.robot_files import access_files
 from evbotos.run_command import trial_identity
-from tests.evbotos.proof import SERVES, Proof, answer, eal, ssh_words, started, wait_for_words
+from tests.evbotos.proof import SERVES, Proof, answer, eal, said, ssh_words, started, wait_for_words
 from tests.evbotos.proofs import plug_in, prove_square, stick_with
 
 _LOG = get_logger()
@@ -56,7 +59,7 @@ def test_a_machine_without_a_fleet_is_reached_by_nobody_until_a_stick_provisions
     with started(proof, disk) as machine:
         wait_for_words(machine, f"/usr/share/evbotos/fleet.yaml {SERVES}")
         wait_for_words(machine, "at tcp/127.0.0.1:50000")
-        assert is_closed(machine, "ssh")
+        assert "publickey" in login_of_a_stranger(proof, machine)
         assert is_closed(machine, "eal")
         plug_in(machine, stick_with(files, tmp_path / "stick.img"))
         wait_for_words(machine, "this machine is evbot from now on: restarting")
@@ -68,6 +71,34 @@ def test_a_machine_without_a_fleet_is_reached_by_nobody_until_a_stick_provisions
         strict = [word.replace("StrictHostKeyChecking=no", "StrictHostKeyChecking=yes") for word in strict]
         strict[1:1] = ["-o", "HostKeyAlias=evbot"]
         subprocess.run([*strict, "true"], check=True, timeout=600)
+
+
+def login_of_a_stranger(proof: Proof, machine: Machine) -> str:
+    """Return the answer to a login without the claim code."""
+    words = [word for word in ssh_words(proof, machine) if word != "-q"]
+    done = subprocess.run([*words, "true"], capture_output=True, text=True, timeout=600, check=False)
+    assert done.returncode == 255
+    return done.stderr
+
+
+def test_the_reader_of_the_claim_code_gives_a_machine_its_identity(proof: Proof, bare: Built, tmp_path: Path) -> None:
+    local = Local(version=1, ssh_keys=((proof.ssh_key.with_suffix(".pub")).read_text(),))
+    made = provision_fleet(proof.fleet, None, access_files(local), tmp_path / "identities")
+    disk = Path(shutil.copyfile(bare.folder / "disk.img", tmp_path / "disk.img"))
+    with started(proof, disk) as machine:
+        wait_for_words(machine, "--code ")
+        (code,) = re.findall(r"evbotos claim \S+ IDENTITY --code (\S+)", said(machine))
+        wait_for_words(machine, SERVES)
+        assert is_closed(machine, "eal")
+        assert "publickey" in login_of_a_stranger(proof, machine)
+        wrong = "A" * 16 if not code.startswith("AAAA") else "B" * 16
+        with pytest.raises(BuildError, match="another claim code"):
+            claim_machine("127.0.0.1", machine.ports["ssh"], wrong, made["evbot"])
+        assert claim_machine("127.0.0.1", machine.ports["ssh"], code, made["evbot"]) == "evbot"
+        wait_for_words(machine, f"/data/robot/fleet.yaml {SERVES}")
+        assert answer(proof, machine, "hostname").strip() == "evbot"
+        with pytest.raises(BuildError, match="another claim code"):
+            claim_machine("127.0.0.1", machine.ports["ssh"], code, made["evbot"])
 
 
 def test_the_fleet_file_that_run_names_fits(proof: Proof, bare: Built, tmp_path: Path) -> None:

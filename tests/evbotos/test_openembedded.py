@@ -35,6 +35,8 @@ UPSTREAM = frozenset(
         "libc6-dev",
         "linux-libc-headers-dev",
         "make",
+        "nftables",
+        "openssh-sftp-server",
         "python3-cffi",
         "python3-core",
         "python3-dev",

@@ -33,7 +33,7 @@ def wait_for_robot(proof: Proof, machine: Machine, but: str = "none") -> str:
 
     def serves() -> bool:
         nonlocal pid
-        pid = ssh(proof, machine, "test -e /run/evbotos/robot.up && cat /run/evbotos/robot.pid").stdout.strip() or but
+        pid = ssh(proof, machine, "test -s /run/evbotos/robot.up && cat /run/evbotos/robot.pid").stdout.strip() or but
         return pid != but
 
     wait_until(machine, f"another robot than {but} serves", serves)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
@@ -24,6 +25,18 @@ def test_a_step_is_made_once(tmp_path: Path) -> None:
     for _ in range(2):
         assert Runner(tmp_path, told.append).run(step).read_text() == "made"
     assert told == ["one"]
+
+
+def test_a_step_says_how_long_the_last_one_of_its_name_took(tmp_path: Path) -> None:
+    told: list[str] = []
+    runner = Runner(tmp_path, told.append)
+    for number, (name, key) in enumerate((("one", "a"), ("one-more", "b"))):
+        runner.run(Step(name, key, lambda out: write(out, "made")))
+        note = tmp_path / "seconds" / f"{name}-{key}"
+        note.write_text(f"{300 + number}.2\n")
+        os.utime(note, (number, number))
+    runner.run(Step("one", "c", lambda out: write(out, "made")))
+    assert told == ["one", "one-more", "one (about 300 s, as the last time)"]
 
 
 def test_a_step_that_fails_leaves_nothing_and_is_made_anew(tmp_path: Path) -> None:

@@ -120,7 +120,9 @@ def test_the_bill_of_materials_names_what_starts_the_board_but_nothing_of_its_em
     platform = found.platform(name)
     lock = read_lock(lock_path(platform, found.image("robot")))
     assert lock is not None
-    bill = json.loads(bill_of_materials(lock, set(), set(platform.disk_packages), platform.architecture))
+    bill = json.loads(
+        bill_of_materials(lock, set(), set(platform.disk_packages), platform.architecture, platform.suite, {})
+    )
     names = {component["name"] for component in bill["components"]}
     assert loader in names
     assert not {"u-boot-sunxi", "dpkg-dev"} & names

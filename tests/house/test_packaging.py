@@ -146,7 +146,7 @@ def test_the_wheel_holds_types_plugins_fleets_scenarios_and_worlds_and_no_tests(
     assert not [name for name in names if "__pycache__" in name or name.startswith(("tests/", "docs/", "runs/"))]
 
 
-def test_the_sdist_makes_the_same_wheel(built: Path, tmp_path: Path) -> None:
+def test_the_sdist_makes_both_again_to_the_bit(built: Path, tmp_path: Path) -> None:
     (sdist,) = built.glob("*.tar.gz")
     with tarfile.open(sdist) as archive:
         archive.extractall(tmp_path, filter="data")
@@ -162,14 +162,21 @@ def test_the_sdist_makes_the_same_wheel(built: Path, tmp_path: Path) -> None:
         assert (source / file).is_file(), file
     assert not [file for file in ("runs", ".venv", ".mypy_cache") if (source / file).exists()]
 
-    build(source, tmp_path / "again", "wheel")
+    (source / "PKG-INFO").unlink()  # hatchling writes it; what is left is a checkout
+    for number, path in enumerate(sorted(source.rglob("*"))):  # another checkout: other times, another umask
+        os.utime(path, (number, number))
+        path.chmod(path.stat().st_mode & 0o700)
+    build(source, tmp_path / "again")
 
-    assert contents(wheel_in(tmp_path / "again")) == contents(wheel_in(built))
+    assert digests(tmp_path / "again") == digests(built)
 
 
-def contents(wheel: Path) -> dict[str, str]:
-    with zipfile.ZipFile(wheel) as archive:
-        return {name: hashlib.sha256(archive.read(name)).hexdigest() for name in archive.namelist()}
+def digests(folder: Path) -> dict[str, str]:
+    return {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in folder.iterdir()}
+
+
+def test_the_advice_to_install_an_extra_needs_no_index_for_the_framework_itself(installed: Installed) -> None:
+    installed.pip("--no-index", "eal-actors[sim,vision,record,dashboard,evbotos]")
 
 
 def test_the_facade_works_from_it_without_the_extras(installed: Installed) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ version: 1
 name: move
 roles: {{all: {{min: 2, max: 3, spares: SPARES}}}}
 on_lost: POLICY
+PATIENCE
 timeout_s: {LONGER_S}
 steps:
 - on: all
@@ -30,6 +32,7 @@ steps:
   - if: robot == 'r1'
     then:
     - send_cmd: {{resource: Arm, cmd: move{LONGER_S:g}}}
+      lost_after_s: {LOST_AFTER_S}
   - send_cmd: {{resource: Arm, cmd: step1}}
   - barrier: middle
     timeout_s: {LONGER_S}
@@ -60,6 +63,7 @@ def lose(
     *,
     robots: int = 3,
     spares: int = 0,
+    patience_s: float | None = None,
     restart: bool = False,
     then: Callable[[Rig, Run], object] = lambda *_: None,
 ) -> Loss:
@@ -70,11 +74,18 @@ def lose(
         policy: the scenario's `on_lost`.
         robots: their number.
         spares: how many of them are spares.
+        patience_s: the scenario's `lost_after_s`; that of the network if None.
         restart: start the server again when the loss is noticed.
         then: called after that, while the scenario runs.
     """
     rig = Rig(folder, [f"r{number + 1}" for number in range(robots)], {"lost_after_s": LOST_AFTER_S})
-    (folder / "move.yaml").write_text(MOVE.replace("POLICY", policy).replace("SPARES", str(spares)), encoding="utf-8")
+    values = {
+        "POLICY": policy,
+        "SPARES": str(spares),
+        "PATIENCE": f"lost_after_s: {patience_s:g}" if patience_s else "",
+    }
+    text = re.sub("|".join(values), lambda found: values[found[0]], MOVE)
+    (folder / "move.yaml").write_text(text, encoding="utf-8")
     noticed = threading.Event()
 
     def listen(event: RunEvent) -> None:
@@ -103,8 +114,8 @@ def outcomes(report: Report) -> list[str]:
 
 
 def test_the_others_go_on_without_a_robot_whose_server_was_killed(tmp_path: Path) -> None:
-    """They waited at the barrier until the deadline of its command, and the run was `failed`."""
-    loss = lose(tmp_path, "drop")
+    """The step's own patience counts; they waited until the deadline of its command, and the run was `failed`."""
+    loss = lose(tmp_path, "drop", patience_s=LONGER_S)
     assert outcomes(loss.report) == ["done", "dropped", "done", "done"]
     assert loss.report.robots["r1"].error is not None
     assert loss.events[-2:] == ["robot_lost", "robot_dropped"]

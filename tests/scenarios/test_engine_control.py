@@ -189,8 +189,8 @@ def test_a_step_that_is_not_safe_is_not_repeated(tmp_path: Path) -> None:
         with pytest.raises(ScenarioError, match="has changed since the run"):
             Run(make_plan(scenario(tmp_path, STEPS), fleet), fleet, resumption.directory, [], resumption)
 
-    assert "was interrupted in steps[2] (on, " in caught.value.message
-    assert "trial.yaml:15), which is not safe_to_repeat" in caught.value.message
+    assert "send_cmd Base go8 (steps[2].do[0], " in caught.value.message
+    assert "was under way, and is not safe to repeat, in steps[2] (" in caught.value.message
 
 
 def test_what_is_no_run_that_was_cut_off(two: Fleet, tmp_path: Path) -> None:

@@ -183,7 +183,9 @@ def test_the_lab_tells_what_it_started_and_where_the_robots_got_to(lab: Callable
         assert float(off_deg) < 10
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow), signal.SIGKILL]
+)
 def test_no_emulator_outlives_the_lab(lab: Callable[[str], subprocess.Popen[str]], number: signal.Signals) -> None:
     process = lab("3000")
     assert process.stdout is not None

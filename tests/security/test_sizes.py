@@ -5,9 +5,14 @@ The robot has the memory of a small board: the kernel refuses more to its proces
 
 from __future__ import annotations
 
+import os
+import socket
+import ssl
+import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Self
 
 import pytest
 import zenoh
@@ -15,6 +20,7 @@ import zenoh
 from eal_actors import Fleet
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.wire.format.packing import MAX_CALL_BYTES
 from eal_actors.wire.session import controller_config, open_session
 from tests.net.links import eventually
 from tests.net.rig import WAIT_S, Process, Rig, ready
@@ -28,6 +34,8 @@ STACK_KB = 512
 """Stack of a thread. The kernel's limit counts whole stacks, of which a thread uses a fraction."""
 HUGE_BYTES = 150 * 1024**2
 """More than the robot's memory."""
+FRAGMENT_BYTES = 40_000
+"""Less than the largest batch of a TLS link, 49,152 bytes."""
 LARGEST_BYTES = 900 * 1024**2
 PRIORITIES = (zenoh.Priority.REAL_TIME, zenoh.Priority.INTERACTIVE_HIGH, zenoh.Priority.DATA, zenoh.Priority.BACKGROUND)
 READABLE, DENIED = "eal/f/r1/Gauge/get_value/display/{}", "eal/f/r1/Arm/send_cmd/controller/{}"
@@ -79,6 +87,73 @@ def attack(rig: Rig, attacker: FleetConfig, size: int = HUGE_BYTES, duration_s: 
         print(figures)  # noqa: T201  # of the long form
         assert peak < BOARD_KB * 1024
         assert eventually(lambda: fleet["r1"]["Arm"].send_cmd("step2").exception(timeout=WAIT_S) is None)
+
+
+def number(value: int) -> bytes:
+    """Return a whole number as the engine writes it: seven bits in each byte, the lowest first."""
+    head = b""
+    while value > 0x7F:
+        head, value = head + bytes([value & 0x7F | 0x80]), value >> 7
+    return head + bytes([value])
+
+
+class Wire:
+    """A hand-made client of the engine's own protocol, over TLS.
+
+    Source: eclipse-zenoh, commons/zenoh-protocol/src/transport/{init,open,fragment}.rs.
+    """
+
+    def __init__(self, rig: Rig, name: str) -> None:
+        keys = rig.folder / "keys"
+        context = ssl.create_default_context(cafile=keys / "ca.pem")
+        context.load_cert_chain(keys / f"{name}.pem", keys / f"{name}.key")
+        place = "127.0.0.1", int(rig.content["robots"]["r1"]["address"].rpartition(":")[2])
+        self._link = context.wrap_socket(socket.create_connection(place, WAIT_S), server_hostname=place[0])
+
+    def __enter__(self) -> Self:
+        zid = os.urandom(8)
+        self.send(bytes([0x01, 0x09, (len(zid) - 1) << 4 | 0b10]) + zid)
+        answer = self._receive()
+        assert answer[0] & 0x3F == 0x21
+        begin = 4 + (answer[2] >> 4) + (3 if answer[0] & 0x40 else 0)
+        length, begin = answer[begin], begin + 1
+        if length & 0x80:
+            length, begin = length & 0x7F | answer[begin] << 7, begin + 1
+        self.send(b"\x42" + number(60) + number(0) + number(length) + answer[begin : begin + length])
+        assert self._receive()[0] & 0x3F == 0x22
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._link.close()
+
+    def send(self, message: bytes) -> None:
+        self._link.sendall(struct.pack("<H", len(message)) + message)
+
+    def _receive(self) -> bytes:
+        (length,) = struct.unpack("<H", self._exactly(2))
+        return self._exactly(length)
+
+    def _exactly(self, count: int) -> bytes:
+        content = b""
+        while len(content) < count:
+            received = self._link.recv(count - len(content))
+            assert received, "the robot has closed the link"
+            content += received
+        return content
+
+
+def test_fragments_that_never_end_take_no_memory(tmp_path: Path) -> None:
+    rig = secure_rig(tmp_path, make_keys(tmp_path / "keys"), 60.0)
+    with on_a_small_board(rig) as robot, ready(Fleet(rig.config)) as fleet, Wire(rig, "display") as wire:
+        before = robot.memory_bytes()
+        fragment, sent = bytes(FRAGMENT_BYTES), 0
+        while sent < HUGE_BYTES:
+            wire.send(b"\x66" + number(sent // FRAGMENT_BYTES) + fragment)  # reliable, more follows
+            sent += FRAGMENT_BYTES
+        assert fleet["r1"]["Arm"].send_cmd("step1").get(timeout=WAIT_S) == 1
+        grown = robot.peak_memory_bytes() - before
+        print(f"{sent / 1e6:.0f} MB of fragments: memory grew by {grown / 1e6:.0f} MB")  # noqa: T201  # of the long form
+        assert MAX_CALL_BYTES / 2 < grown < 4 * MAX_CALL_BYTES  # they were collected, up to a bound
 
 
 def test_huge_messages_of_an_observer_take_no_memory(tmp_path: Path) -> None:

@@ -45,7 +45,8 @@ def late(history: History) -> Iterator[str]:
                 continue
             command = history.commands[note.number]
             deadline_s = command.sent_s + command.timeout_s
-            late_s = note.time_s - deadline_s - overlap_s((deadline_s, note.time_s), hungry)
+            after = deadline_s, note.time_s
+            late_s = note.time_s - deadline_s - overlap_s(after, hungry) - history.waited_s(robot, after)
             if late_s > LATE_S:
                 what = f"{robot}: command {note.number} began {late_s:.2f} s after its deadline"
                 is_caught = note.number in thaws and touches((command.sent_s, note.time_s), frozen)
@@ -64,7 +65,8 @@ def overrun(history: History) -> Iterator[str]:
         for motion in history.motions(robot):
             command = history.commands[motion.number]
             deadline_s = command.sent_s + command.timeout_s
-            over_s = motion.rest_s - deadline_s - overlap_s((deadline_s, motion.rest_s), pauses)
+            after = deadline_s, motion.rest_s
+            over_s = motion.rest_s - deadline_s - overlap_s(after, pauses) - history.waited_s(robot, after)
             if over_s > LATE_S:
                 yield f"{robot}: command {motion.number} moved for {over_s:.2f} s after its deadline"
 

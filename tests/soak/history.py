@@ -112,6 +112,7 @@ class History:
         commands: by their numbers.
         lives: of controllers, by the names of their processes.
         hungry: when a robot, a controller's process, or the relays between them had no processor, by their names.
+        waits: the shorter times for which one of their threads waited for a processor, each with the look it was in.
     """
 
     end_s: float
@@ -122,6 +123,7 @@ class History:
     commands: dict[int, Command] = field(default_factory=dict)
     lives: dict[str, ControllerLife] = field(default_factory=dict)
     hungry: dict[str, list[Interval]] = field(default_factory=dict)
+    waits: dict[str, list[tuple[Interval, float]]] = field(default_factory=dict)
 
     def spans(self, target: str, *kinds: str) -> list[Interval]:
         """Return when something was wrong with a target."""
@@ -163,6 +165,10 @@ class History:
         return merged(
             span for target in targets for span in [*self.spans(target, "freeze"), *self.hungry.get(target, ())]
         )
+
+    def waited_s(self, target: str, span: Interval) -> float:
+        """Return how long a thread of a target may have waited for a processor, in short waits, within an interval."""
+        return sum(min(waited_s, overlap_s(span, [look])) for look, waited_s in self.waits.get(target, ()))
 
     def motions(self, robot: str) -> list[Motion]:
         """Return what a robot's wheels did; a motion whose process was killed ends there."""

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from eal_actors.kernel.clock import REAL_TIME, acquire_alert, new_waiter
-from tests.soak.history import Interval
+from tests.soak.history import History, Interval
 
 HUNGRY_S: Final = 0.25
 """From how long on it counts, of one thread between two looks: a heartbeat's period, a quarter of the lease."""
@@ -29,8 +29,10 @@ class Hunger:
     def __init__(self) -> None:
         self._seen: dict[int, tuple[float, dict[str, float]]] = {}
 
-    def look(self, pid: int, time_s: float) -> Interval | None:
-        """Return since when a process was hungry, and until when; None if it was not since the last look, or has ended.
+    def look(self, pid: int, time_s: float) -> tuple[Interval, float] | None:
+        """Return the time since the last look, or as long before as one thread has waited, and how long it has.
+
+        None if none has, or the process has ended.
 
         Args:
             pid: of the process.
@@ -40,24 +42,27 @@ class Hunger:
         last_s, before = self._seen.get(pid, (time_s, {}))
         self._seen[pid] = time_s, waited
         longest_s = max((waited[thread] - before[thread] for thread in waited.keys() & before.keys()), default=0.0)
-        return (time_s - max(longest_s, time_s - last_s), time_s) if longest_s >= HUNGRY_S else None
+        return ((time_s - max(longest_s, time_s - last_s), time_s), longest_s) if longest_s > 0.0 else None
 
 
 @contextmanager
-def watching(pids: Callable[[], Mapping[str, int]], hungry: dict[str, list[Interval]]) -> Iterator[None]:
-    """Note when processes are hungry, for the length of a `with` block.
+def watching(pids: Callable[[], Mapping[str, int]], history: History) -> Iterator[None]:
+    """Note when processes wait for a processor, for the length of a `with` block.
 
     Args:
         pids: returns whom to look at, by name. Thread: one of the watch's own.
-        hungry: where to note it, by name.
+        history: where to note it.
     """
     hunger, ends = Hunger(), new_waiter()
 
     def watch() -> None:
         while not acquire_alert(ends, _LOOK_EACH_S):
             for name, pid in pids().items():
-                if (span := hunger.look(pid, time.clock_gettime(time.CLOCK_MONOTONIC))) is not None:
-                    hungry.setdefault(name, []).append(span)
+                if (wait := hunger.look(pid, time.clock_gettime(time.CLOCK_MONOTONIC))) is not None:
+                    if wait[1] >= HUNGRY_S:
+                        history.hungry.setdefault(name, []).append(wait[0])
+                    else:
+                        history.waits.setdefault(name, []).append(wait)
 
     thread = threading.Thread(target=watch, name="hunger")
     thread.start()

@@ -114,7 +114,7 @@ class Soak:
         with ExitStack() as stack:
             stack.callback(self._kill_all)
             self._cables = stack.enter_context(Cables(self._ports))
-            stack.enter_context(watching(self._pids, self.outcome.history.hungry))
+            stack.enter_context(watching(self._pids, self.outcome.history))
             for robot in self._robots:
                 self._start_robot(robot)
             self._wait(lambda: all(self._is_listening(robot) for robot in self._robots))

@@ -105,6 +105,18 @@ def test_a_second_master_is_found() -> None:
     assert list(findings(history)) == ["one controller at a time"]
 
 
+@pytest.mark.parametrize(("line", "instead"), [("20.05 mark 2", "22.4 mark 2"), ("12.0 rest 1", "12.4 rest 1")])
+def test_short_waits_for_a_processor_are_summed(line: str, instead: str) -> None:
+    history = good()
+    history.read_robot("r1", R1.replace(line, instead).splitlines())
+    assert findings(history)
+    after_s = float(instead.split()[0])
+    history.waits["r1"] = [((after_s - 0.3, after_s - 0.2), 0.1)]
+    assert findings(history)
+    history.waits["r1"].append(((after_s - 0.1, after_s), 0.1))
+    assert findings(history) == {}
+
+
 @pytest.mark.parametrize("who", ["warden#1", "r1", RELAYS])
 def test_who_has_no_processor_is_as_silent_as_who_is_frozen(who: str) -> None:
     history = good()

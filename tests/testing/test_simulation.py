@@ -142,7 +142,9 @@ def test_a_scenario_runs_from_text_from_a_file_and_ready_made(pair: Simulation, 
 def test_what_is_wrong_with_a_text_is_told_by_its_lines(pair: Simulation) -> None:
     with pytest.raises(ConfigError, match=r"\nscenario:8:37: steps\[0\]\.do\[0\]\.send_cmd\.cm: unknown"):
         pair.run(TURN.replace("cmd: l90", "cm: l90"))
-    with pytest.raises(ConfigError, match=r"^scenario:6:9: steps\[0\]\.on: unknown role 'nobody'"):
+    with pytest.raises(
+        ConfigError, match=r"^scenario:6:9: steps\[0\]\.on: there is no role 'nobody', so it is a robot"
+    ):
         pair.run(TURN.replace("on: all", "on: nobody"))
     with pytest.raises(ConfigError, match=r"^no\.yaml: no such file$"):
         pair.run("no.yaml")

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from typing import TYPE_CHECKING, Any, Final
 
 from eal_actors.device.data.c_types import SHOWN_BYTES, SHOWN_ELEMENTS, TEXT, DataType, short_repr
 from eal_actors.device.data.storage import unpack
 
 if TYPE_CHECKING:
-    from eal_actors.device.data.value import EALData, ValueInfo
+    from eal_actors.device.data.value import EALData
+    from eal_actors.device.data.value_info import ValueInfo
+
+SHOWN_NUMBERS: Final = 16
+"""Arrays with at most so many numbers are shown as numbers, such as a pose; others by their shape."""
 
 
 def data_text(data: EALData) -> str:
@@ -24,12 +29,20 @@ def _content_text(data: EALData) -> str:
     """Return the content of a value, short even for a large one."""
     c_type = data.c_type
     if data.shape is not None:
-        return f"shape={data.shape}"
+        is_short = math.prod(data.shape) <= SHOWN_NUMBERS
+        return _rounded(data.value.tolist()) if is_short else f"shape={data.shape}"
     if not c_type.is_ptr or c_type == TEXT:
         return short_repr(data.value)
     if c_type.type is DataType.VOID:
         return short_repr(bytes(data.payload[: SHOWN_BYTES + 1]))
     return short_repr(unpack(c_type, data.payload[: (SHOWN_ELEMENTS + 1) * c_type.width]))
+
+
+def _rounded(value: Any) -> str:
+    """Return a list of numbers as text, with six digits."""
+    if isinstance(value, list):
+        return f"[{', '.join(map(_rounded, value))}]"
+    return f"{value:.6g}" if isinstance(value, float) else repr(value)
 
 
 def info_text(info: ValueInfo) -> str:

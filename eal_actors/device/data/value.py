@@ -1,4 +1,4 @@
-"""EALData and ValueInfo: the one kind of value that crosses the framework, and the description of a value.
+"""EALData: the one kind of value that crosses the framework.
 
 A value is typed and laid out as in C, with the widths of a 64-bit Linux compiler (LP64), little-endian on every host:
 char 1, bool 1, short 2, int 4, float 4, long 8, double 8 bytes; void is any number of bytes. Choices that C leaves
@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Final, final
 
 from eal_actors.device.data.c_types import (
@@ -26,13 +25,13 @@ from eal_actors.device.data.c_types import (
     BOOL,
     DOUBLE,
     INT,
-    NUMERIC_TYPES,
     CType,
     DataType,
     find_c_type,
     int_c_type,
     short_repr,
 )
+from eal_actors.device.data.pictures import is_picture, picture_png
 from eal_actors.device.data.storage import (
     Payload,
     Stored,
@@ -45,8 +44,8 @@ from eal_actors.device.data.storage import (
     store,
     unpack,
 )
-from eal_actors.device.data.texts import data_text, info_text, repr_of
-from eal_actors.kernel.errors import ArgumentError, DataError
+from eal_actors.device.data.texts import data_text
+from eal_actors.kernel.errors import DataError
 
 _MAX_S: Final = sys.float_info.max
 
@@ -328,6 +327,10 @@ class EALData:
     def __repr__(self) -> str:
         return data_text(self)
 
+    def _repr_png_(self) -> bytes | None:
+        """Return a picture as PNG, which notebooks show; None for other values."""
+        return picture_png(self.payload, self._shape) if is_picture(self._c_type, self._shape) else None
+
 
 def _array_content(value: Any) -> tuple[CType, Stored] | None:
     """Return the C type and content of a numpy array; None for anything else. Does not import numpy."""
@@ -352,68 +355,3 @@ def _checked_meta(unit: object, frame_id: object, stamp_s: object) -> float | No
     if isinstance(stamp_s, bool) or not isinstance(stamp_s, (int, float)) or not -_MAX_S <= stamp_s <= _MAX_S:
         raise DataError(f"stamp_s: {short_repr(stamp_s)} is no finite number of seconds")
     return float(stamp_s)
-
-
-@dataclass(frozen=True, slots=True)
-class ValueInfo:
-    """The type, unit and range of a value.
-
-    Attributes:
-        type: the data type; FLOAT and DOUBLE accept an integer too.
-        unit: the unit's symbol, such as `m`, `deg` or `rad/s`; None for a bare number or text.
-        minimum: the least valid value, in the unit; None for no limit.
-        maximum: the greatest valid value, in the unit; None for no limit.
-        choices: the valid values, if they are few; empty for no such limit.
-        shape: the array's shape, with None for any size; () for a single value. A list fills rows.
-        description: one line for people.
-    """
-
-    type: DataType
-    unit: str | None = None
-    minimum: float | None = None
-    maximum: float | None = None
-    choices: tuple[str | float, ...] = ()
-    shape: tuple[int | None, ...] = ()
-    description: str = ""
-
-    def check(self, data: EALData, what: str) -> None:
-        """Raise ArgumentError, naming `what`, unless the value has the type, shape and range."""
-        if problem := self.problem(data):
-            raise ArgumentError(f"{what} {problem}")
-
-    def problem(self, data: EALData) -> str | None:
-        """Return the error of a value as the end of a sentence that begins with its name, or None."""
-        kind, wanted = data.type, self.type
-        if kind is not wanted and (wanted is DataType.INT or kind not in NUMERIC_TYPES or wanted not in NUMERIC_TYPES):
-            return f"must be {self.describe()}, not {repr_of(data)}"
-        if self.shape:
-            return self._shape_problem(data)
-        value = data.value
-        if self.choices and value not in self.choices:
-            return f"must be one of {', '.join(map(str, self.choices))}, not {value!r}"
-        return self._number_problem(data, value) if wanted in NUMERIC_TYPES else None
-
-    def _number_problem(self, data: EALData, value: Any) -> str | None:
-        if not isinstance(value, int | float):
-            return f"must be {self.describe()}, not {repr_of(data)}"
-        below = self.minimum is not None and not value >= self.minimum
-        above = self.maximum is not None and not value <= self.maximum
-        return f"must be {self.describe()}, not {value:g}" if below or above or value != value else None  # NaN differs
-
-    def _shape_problem(self, data: EALData) -> str | None:
-        shape = data.shape
-        if shape is None:
-            shape = (len(value),) if isinstance(value := data.value, list | tuple) else ()
-            match self.shape:  # a C array has no rows
-                case (None, int() as row) if shape and shape[0] % row == 0:
-                    shape = shape[0] // row, row
-        if shape == self.shape:
-            return None
-        fits = len(shape) == len(self.shape) and all(
-            want is None or want == have for want, have in zip(self.shape, shape, strict=True)
-        )
-        return None if fits else f"must be {self.describe()}, not of shape {shape}"
-
-    def describe(self) -> str:
-        """Return the type, range and unit as text, such as `double 0..360 deg`."""
-        return info_text(self)

@@ -74,7 +74,7 @@ class MapMotions(Resource, ABC):
         """Return whether the wheels are driven, but something holds the robot. The default reads the status."""
         return self.get_status() == BLOCKED
 
-    @command("goto", _GOAL)
+    @command("goto", _GOAL, repeatable=True)
     def go_to(self, goal: Any) -> Activity:
         """Drive to a place in the map frame; with a third number, turn to that heading there.
 
@@ -87,7 +87,7 @@ class MapMotions(Resource, ABC):
             raise ArgumentError(f"goto needs finite numbers x_m, y_m and perhaps yaw_rad, not {numbers}")
         return self._drive([(numbers[0], numbers[1])], numbers[2] if len(numbers) > 2 else None)
 
-    @command("follow", _PATH)
+    @command("follow", _PATH, repeatable=True)
     def follow_path(self, path: Any) -> Activity:
         """Drive along waypoints in the map frame to the last one; it turns in place at corners.
 

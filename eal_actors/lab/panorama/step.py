@@ -68,3 +68,6 @@ def _stitch_folder(folder: Path, field_of_view_deg: float, step_deg: float | Non
 
 def _left_out(report: Mapping[str, Any]) -> list[str]:
     return [f"{frame['file']} {frame['left_out']}" for frame in report["frames"] if frame["left_out"]]
+
+
+stitch_run.safe_to_repeat = True  # type: ignore[attr-defined]  # it reads pictures and writes one

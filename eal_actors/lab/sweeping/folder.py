@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import shutil
 from collections.abc import Iterator
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from eal_actors.kernel.errors import ScenarioError
+from eal_actors.kernel.posix import fcntl
 from eal_actors.lab.sweeping.results import SweepResult, read_result
 from eal_actors.lab.sweeping.sweep import Sweep, SweepJob
 from eal_actors.recording import RunFolder, keep_provenance

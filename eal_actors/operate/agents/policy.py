@@ -210,6 +210,8 @@ def _outside(what: str, value: Any, span: Span) -> str | None:
     flat = numbers if isinstance(numbers, list | tuple) else [numbers]
     low, high = span
     for number in flat:
-        if not isinstance(number, int | float) or not low <= number <= high:
-            return f"{what} {number} is not within {low:g} and {high:g}"
+        if not isinstance(number, int | float):
+            return f"{what}: {number!r} is no number"
+        if not low <= number <= high:
+            return f"{what} {number:g} is not within {low:g} and {high:g}"
     return None

@@ -51,6 +51,8 @@ HELLO_S: Final = 5.0
 STUCK_S: Final = 10.0
 """Real seconds after which a browser that reads nothing is disconnected."""
 MOST_ANSWERS: Final = 200
+MOST_WAITING: Final = 8
+"""The most requests of one browser that wait for its thread; a view asks for several lists at once."""
 HEARTBEAT_S: Final = 1.0
 """The greatest real time between two updates: a page that receives none for longer shows that it is outdated."""
 SEND_PERIOD_S: Final = 1 / 60
@@ -107,6 +109,7 @@ class BrowserSession:
         self._frames: dict[CameraKey, tuple[int, float]] = {}
         self._messages = TokenBucket(MESSAGES_PER_S, MESSAGES_AT_ONCE)
         self._commands = TokenBucket(COMMANDS_PER_S, COMMANDS_AT_ONCE)
+        self._waiting: deque[Any] = deque()
         self._file_task: asyncio.Task[None] | None = None
         self._dismissed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
@@ -246,12 +249,18 @@ class BrowserSession:
         return self.reply if self._audit is None else self._audit.begin(message, self.reply)
 
     def _execute_in_thread(self, message: Any) -> None:
-        """Execute a message that may block in a thread, so that a stop after it is not delayed."""
-        if self._file_task is not None and not self._file_task.done():
-            self.reply(failure(message.id, BusyError("the previous request is not finished")))
+        """Execute a message that may block in a thread, after those before it, so that no stop is delayed."""
+        if len(self._waiting) >= MOST_WAITING:
+            self.reply(failure(message.id, BusyError("the previous requests are not finished")))
             return
-        work = asyncio.to_thread(self._app_state.dispatcher.execute, message, self.name, self._reply_to(message))
-        self._file_task = asyncio.create_task(work)
+        self._waiting.append(message)
+        if self._file_task is None or self._file_task.done():
+            self._file_task = asyncio.create_task(self._execute_waiting())
+
+    async def _execute_waiting(self) -> None:
+        while self._waiting:
+            message = self._waiting.popleft()
+            await asyncio.to_thread(self._app_state.dispatcher.execute, message, self.name, self._reply_to(message))
 
     def reply(self, answer: dict[str, Any]) -> None:
         """Queue an answer; drops the oldest if the browser does not read them. Thread: any; does not block."""

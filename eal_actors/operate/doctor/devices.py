@@ -5,8 +5,6 @@ A device is a text below /dev in a plugin's settings. The plugin's manifest decl
 
 from __future__ import annotations
 
-import fcntl
-import grp
 import os
 import stat
 import struct
@@ -16,6 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from eal_actors.device.serial_ports import group_of, usb_id, user_name
+from eal_actors.kernel.posix import fcntl, grp
 from eal_actors.managers.fleet_model import PluginSettings, RobotConfig
 from eal_actors.managers.manifest import DeviceSection, PluginManifest
 from eal_actors.operate.doctor.diagnostic import Diagnostic, ok, problem, warning

@@ -41,9 +41,9 @@ def compute(
     needed = list(expressions)
     found: list[Any] = [None]
 
-    def attempt(_: StepAction) -> Coroutine:
+    def attempt(action: StepAction) -> Coroutine:
         found[0] = None
-        names = yield from run.read(context, needed)
+        names = yield from action.evaluate(needed)
         found[0] = work(names)
 
     yield from perform_step(run, context, step, path, partial(StepAction, run, context, label, attempt), is_quiet=True)

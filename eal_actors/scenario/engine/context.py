@@ -26,11 +26,13 @@ from eal_actors.scenario.language.expressions import (
     WorkLimitError,
     size_of,
 )
-from eal_actors.scenario.report.events import LogLine, RobotDropped, RobotReplaced, RunEvent
+from eal_actors.scenario.report.events import LogLine, Readings, RobotDropped, RobotReplaced, RunEvent
+from eal_actors.scenario.report.records import is_recordable, to_record
 from eal_actors.scenario.report.summary import ErrorReport, StartReport, StepRecord
 
 if TYPE_CHECKING:  # a plan has steps, which import this module
     from eal_actors.facade.fleet import Fleet
+    from eal_actors.scenario.engine.past_steps import PastSteps
     from eal_actors.scenario.engine.plan import Plan
 
 T = TypeVar("T")
@@ -79,6 +81,7 @@ class RunContext:
         substitutes: for robots that did not start, the spare in their slot, and its role.
         threads: those of Python steps.
         zero_s: the start of the run, by the fleet's clock.
+        past: the steps of an interrupted block that were over; None if no run was interrupted, or it is repeated.
         open_parts: the scenarios under way as parts of others, with their contexts.
         budget: the work that expressions may do.
         emergency: the reason of an emergency stop that ended the run; None without one.
@@ -115,6 +118,7 @@ class RunContext:
         remote = [name for name in robots if name in sections and sections[name].address is not None]
         self.losses = Losses(self, remote) if remote else None
         self.main = Frame(scenario, {role: role for role in scenario.file.roles}, scenario.parameters)
+        self.past: PastSteps | None = None
         self.open_parts: list[ExecutionContext] = []
         self.slots: dict[str, list[RoleSlot]] = {}
         self.zero_s = 0.0
@@ -247,9 +251,10 @@ class RunContext:
     def wait(self, context: ExecutionContext, future: Future[Any]) -> Coroutine:
         """Wait for a future; it is cancelled when the run, the task or the robot is stopped."""
         robot = context.robot
-        holders = [self._pending, context.task.pending, *([robot.pending] if robot is not None else [])]
+        holders: list[dict[Future[Any], Any]] = [self._pending, context.task.pending]
+        holders += [robot.pending] if robot is not None else []
         for pending in holders:
-            pending[future] = None
+            pending[future] = context.lost_after_s
         if self.is_stopping or context.task.is_stopped:
             future.cancel()
         try:
@@ -305,9 +310,14 @@ class RunContext:
         return Namespace(variables, readings or {})
 
     def read(
-        self, context: ExecutionContext, expressions: Iterable[Expression], timeout_s: float | None = None
+        self, context: ExecutionContext, expressions: Iterable[Expression], *, path: str | None = None
     ) -> Generator[Future[Any], None, Namespace]:
         """Call the robot for the readings in expressions; return their namespace.
+
+        Args:
+            context: the context of the step.
+            expressions: the expressions.
+            path: keep the values in the record under this path, and take those of an interrupted run.
 
         Raises:
             EALError: a reading failed.
@@ -315,17 +325,37 @@ class RunContext:
         wanted = dict.fromkeys(reading for expression in expressions for reading, _ in expression.readings)
         if not wanted:
             return self.namespace(context)
+        if path is not None and self.past is not None:
+            past = self.past.take_readings(context.robot_name, path, wanted)
+            if len(past) == len(wanted):
+                return self.namespace(context, past)
         robot = context.required_robot
         calls: list[tuple[RobotReading, Future[Any]]] = []
         for reading in wanted:
             method = getattr(robot.handle[reading.resource], reading.method)
             given = [] if reading.argument is None else [reading.argument]
-            calls.append((reading, method(*given, timeout_s=timeout_s or context.frame.timeout_s)))
+            calls.append((reading, method(*given, timeout_s=context.frame.timeout_s)))
         answers: dict[RobotReading, object] = {}
         for reading, call in calls:
             yield from self.wait(context, call)
             answers[reading] = call.get()
+        if path is not None and self.folder is not None and not context.is_finally:
+            values = {str(reading): to_record(value) for reading, value in answers.items() if is_recordable(value)}
+            self.emit(lambda time_s: Readings(time_s, robot.name, path, values))
         return self.namespace(context, answers)
+
+    def assigned(self, context: ExecutionContext, names: Iterable[str | None]) -> dict[str, object]:
+        """Return those of some variables that are assigned, without the names that are None."""
+        frame, slot = context.frame, context.slot
+        variables = frame.variables if slot is None else slot.variables_in(frame)
+        return {name: variables[name] for name in names if name is not None and name in variables}
+
+    def has_met_before(self, context: ExecutionContext, path: str) -> bool:
+        """Return whether all robots had come to an interrupted step with `together`, so that none waits again."""
+        if self.past is None or context.role is None:
+            return False
+        others = [slot.robot.name for slot in self.slots_of(context.role, context)]
+        return self.past.had_met(path, context.required_robot.name, others)
 
     def assign(self, context: ExecutionContext, name: str | None, value: object) -> None:
         """Assign a variable, if there is a name: of the slot inside an `on`, of the run outside.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Hashable, Sequence
+from collections.abc import Callable, Generator, Hashable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -20,7 +20,7 @@ from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.frames import ExecutionContext, Participant, StepTask
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.engine.synchronization import StepGroup
-from eal_actors.scenario.language.expressions import Namespace, WorkLimitError, expressions_in, render
+from eal_actors.scenario.language.expressions import Expression, Namespace, WorkLimitError, expressions_in, render
 from eal_actors.scenario.language.values import (
     OnFailure,
     RetryPolicy,
@@ -32,6 +32,7 @@ from eal_actors.scenario.report.events import StepEnded, StepRetried, StepStarte
 from eal_actors.scenario.report.summary import ErrorReport, StepOutcome, StepRecord
 
 if TYPE_CHECKING:  # steps import this module
+    from eal_actors.scenario.engine.past_steps import PastStep
     from eal_actors.scenario.steps.base import BlockStep, FallibleStep, Step
 
 
@@ -51,6 +52,7 @@ class StepAction:
         began_s: when it began, in seconds since the run's start, if it had to wait for others first.
         answer: the answer of a call, or None.
         late: outside of `on`, the robots that were at work when its time was up.
+        path: where the record keeps its readings; None if the step itself is in the record.
     """
 
     def __init__(
@@ -69,6 +71,7 @@ class StepAction:
         self.began_s: float | None = None
         self.answer: object = None
         self.late: Sequence[Participant] = ()
+        self.path: str | None = None
         self._work = work
 
     def attempt(self) -> Coroutine:
@@ -85,7 +88,15 @@ class StepAction:
         Raises:
             EALError: a reading failed.
         """
-        return self.run.read(self.context, expressions_in(value))
+        return self.evaluate(expressions_in(value))
+
+    def evaluate(self, expressions: Iterable[Expression]) -> Generator[Future[Any], None, Namespace]:
+        """Return the namespace for expressions.
+
+        Raises:
+            EALError: a reading failed.
+        """
+        return self.run.read(self.context, expressions, path=self.path)
 
     def number(self, value: object, wanted: Wanted, what: str) -> Generator[Future[Any], None, float]:
         """Return a number that may be an expression.
@@ -108,7 +119,7 @@ def perform_steps(run: RunContext, steps: Sequence[Step], path: str, context: Ex
         if run.losses is not None and run.losses.skips(context, step):
             run.losses.record_skip(context, step, f"{path}[{index}]")
         else:
-            yield from step.perform(run, context, f"{path}[{index}]")
+            yield from step.perform(run, context.of(step), f"{path}[{index}]")
 
 
 def perform_step(
@@ -119,8 +130,10 @@ def perform_step(
     make: MakeAction,
     *,
     is_quiet: bool = False,
-) -> Coroutine:
+) -> Generator[Future[Any], None, bool]:
     """Perform a step; if a spare replaces its robot, perform it again with the spare.
+
+    Before all that, leave it out if an interrupted run has performed it.
 
     Args:
         run: the run.
@@ -129,13 +142,40 @@ def perform_step(
         path: its path.
         make: makes the action, anew for each robot.
         is_quiet: record only a failure.
+
+    Returns:
+        Whether it has succeeded.
     """
-    is_done = False
-    while not is_done:
+    if run.past is not None and not is_quiet and not context.is_finally:
+        past = run.past.take(context.robot_name, path)
+        if past is not None and (not past.is_done or (yield from _is_over(run, context, step, make, past))):
+            return past.is_done
+    while True:
         yield from run.admit(context)
         if not run.may_begin(context):
-            return
-        is_done = yield from _Execution(run, context, step, path, make(), is_quiet).perform()
+            return False
+        action = make()
+        action.path = path if is_quiet else None
+        execution = _Execution(run, context, step, path, action, is_quiet)
+        if (yield from execution.perform()):
+            return execution.is_done
+
+
+def _is_over(
+    run: RunContext, context: ExecutionContext, step: FallibleStep, make: MakeAction, past: PastStep
+) -> Generator[Future[Any], None, bool]:
+    """Restore what a step did that an interrupted run has performed; return False to perform it again.
+
+    Robots meet at a barrier again: the record may have lost that some of them had passed it.
+    """
+    for name, value in past.variables.items():
+        run.assign(context, name, value)
+    if step.meets_again:
+        try:
+            yield from make().attempt()
+        except EALError:
+            return False
+    return True
 
 
 def perform_within(
@@ -170,7 +210,11 @@ def perform_within(
 
 
 class _Execution:
-    """The execution of one step by one robot."""
+    """The execution of one step by one robot.
+
+    Attributes:
+        is_done: it has succeeded.
+    """
 
     def __init__(
         self,
@@ -188,6 +232,7 @@ class _Execution:
         self._action = action
         self._is_quiet = is_quiet
         self._robot = context.robot
+        self.is_done = False
         own, attempt = step.on_failure, context.attempt
         is_inside = attempt is not None and (attempt.repeats is step or own is None)
         self._attempt = attempt if is_inside and not context.is_finally else None
@@ -207,6 +252,7 @@ class _Execution:
         if span is not None:
             span.end(error)
         if error is None:
+            self.is_done = True
             if start_s is not None:
                 self._record(start_s, "done", attempts, None)
             return True
@@ -351,7 +397,11 @@ class _Execution:
                 error=ErrorReport.of(error) if error is not None else None,
             )
             self._run.records.append(record)
-            return StepEnded(time_s, record, action.answer if error is None else None)
+            if error is not None:
+                return StepEnded(time_s, record)
+            return StepEnded(time_s, record, action.answer, self._run.assigned(context, assigned))
+
+        assigned = [name for _, name in self._step.assigned()]
 
         self._run.emit(ended)
 

@@ -26,7 +26,7 @@ class Participant:
         outcome: None while it takes part, or is in reserve.
         error: why it failed or left.
         has_taken_part: it has ever filled a slot.
-        pending: the futures that its steps wait for.
+        pending: the futures that its steps wait for, each with the `lost_after_s` of its step.
         losses: when it was lost, and back.
         is_given_up: it is lost for so long that its steps fail.
         is_rejoining: it was lost, and leaves out its steps up to its next meeting.
@@ -36,7 +36,7 @@ class Participant:
     outcome: RobotOutcome | None = None
     error: BaseException | None = None
     has_taken_part: bool = False
-    pending: dict[Future[Any], None] = field(default_factory=dict)
+    pending: dict[Future[Any], float | None] = field(default_factory=dict)
     losses: list[LossReport] = field(default_factory=list)
     is_given_up: bool = False
     is_rejoining: bool = False
@@ -224,6 +224,7 @@ class ExecutionContext:
         policy: the failure policy of the blocks around it; None if they have none.
         attempt: the attempt of the block around it that a failure repeats; None if the policy is another one.
         is_finally: it belongs to `finally`, where failures stop nothing.
+        lost_after_s: time out of reach after which it fails; None for that of the run.
     """
 
     task: StepTask
@@ -234,6 +235,7 @@ class ExecutionContext:
     policy: OnFailure | None = None
     attempt: StepTask | None = None
     is_finally: bool = False
+    lost_after_s: float | None = None
 
     @property
     def robot(self) -> Participant | None:
@@ -270,6 +272,10 @@ class ExecutionContext:
             return self
         is_retry = isinstance(policy, RetryPolicy)
         return replace(self, policy=None if is_retry else policy, attempt=self.attempt if is_retry else None)
+
+    def of(self, step: Step) -> ExecutionContext:
+        """Return the context of a step, with its own patience for lost robots."""
+        return self if step.lost_after_s is None else replace(self, lost_after_s=step.lost_after_s)
 
     def in_loop(self, name: str, value: object) -> ExecutionContext:
         """Return the context of one pass of a loop."""

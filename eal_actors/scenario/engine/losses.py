@@ -40,6 +40,7 @@ class Losses:
         own_s = run.plan.scenario.file.lost_after_s
         real_s = network.lease_s if network.lost_after_s is None else network.lost_after_s
         self._lost_after_s = clock.of_real(real_s) if own_s is None else own_s
+        self._lost_at_s: dict[str, float] = {}
         self._timers: dict[str, Timer] = {}
         self._waiting: dict[Future[None], Participant] = {}
 
@@ -61,9 +62,8 @@ class Losses:
             error = ErrorReport.of(self._error(robot))
             lost_s = run.emit(lambda time_s: RobotLost(time_s, robot.name, error))
             robot.losses.append(LossReport(lost_s=lost_s))
-            self._timers[robot.name] = run.loop.call_at(
-                run.clock.now() + self._lost_after_s, partial(self._give_up, robot)
-            )
+            self._lost_at_s[robot.name] = run.clock.now()
+            self._give_up(robot)
         elif state is RobotState.READY and robot.is_lost:
             back_s = run.emit(lambda time_s: RobotReturned(time_s, robot.name))
             robot.losses[-1] = robot.losses[-1].model_copy(update={"back_s": back_s})
@@ -77,12 +77,25 @@ class Losses:
         problems = robot.handle.problems
         return problems[-1] if problems else UnavailableError("is out of reach", robot=robot.name)
 
+    def _limit_s(self, robot: Participant, own_s: float | None) -> float:
+        """Return when a step of a lost robot fails, by the fleet's clock."""
+        return self._lost_at_s[robot.name] + (self._lost_after_s if own_s is None else own_s)
+
     def _give_up(self, robot: Participant) -> None:
-        """Fail the steps under way of a robot that is still lost."""
-        del self._timers[robot.name]
-        robot.is_given_up = True
-        for future in [future for future in robot.pending if future not in self._waiting]:
-            future.cancel()
+        """Fail the steps under way of a robot that is lost for longer than they allow, and come back for the others."""
+        limits = {
+            future: self._limit_s(robot, own_s)
+            for future, own_s in robot.pending.items()
+            if future not in self._waiting
+        }
+        now_s = self._run.clock.now()
+        later = [limit_s for limit_s in (*limits.values(), self._limit_s(robot, None)) if limit_s > now_s]
+        if later:
+            self._timers[robot.name] = self._run.loop.call_at(min(later), partial(self._give_up, robot))
+        for future, limit_s in limits.items():
+            if limit_s <= now_s:
+                robot.is_given_up = True
+                future.cancel()
 
     def cause(self, robot: Participant, error: EALError) -> EALError:
         """Return the loss of the robot in place of the cancellation that it caused."""
@@ -110,8 +123,9 @@ class Losses:
             return None
         if not isinstance(error, UnavailableError | CallCancelledError):
             return None
-        timer, now_s = self._timers.get(robot.name), self._run.clock.now()
-        wait_s = 0.0 if timer is None else timer.time_s - now_s
+        wait_s = 0.0
+        if robot.is_lost:
+            wait_s = max(0.0, self._limit_s(robot, context.lost_after_s) - self._run.clock.now())
         if isinstance(policy, WaitPolicy):
             wait_s += policy.wait_s
         if robot.is_lost:

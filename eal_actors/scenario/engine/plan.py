@@ -10,7 +10,7 @@ from eal_actors.actors.handles import RobotHandle
 from eal_actors.device.info import ResourceInfo
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ConfigError, EALError, RobotFailedError, UnavailableError
-from eal_actors.scenario.language.binding import Binding, RobotFacts, Wishes, bind, find_candidates
+from eal_actors.scenario.language.binding import Binding, RobotFacts, Wishes, bind, match_roles
 from eal_actors.scenario.language.parameters import missing_parameters, with_parameters
 from eal_actors.scenario.language.robot_check import check_on_robots
 from eal_actors.scenario.language.scenario import Scenario
@@ -66,16 +66,20 @@ def make_plan(
     Thread: any; does not block.
     """
     scenario = with_parameters(scenario, parameters or {})
-    if missing := missing_parameters(scenario.file, scenario.parameters, scenario.tree):
-        raise ConfigError(missing)
-    candidates = find_candidates(scenario, fleet.config, binding)
+    missing = missing_parameters(scenario.file, scenario.parameters, scenario.tree)
+    candidates, unbound = match_roles(scenario, fleet.config, binding)
+    if missing:
+        raise ConfigError([*missing, *unbound])
     errors, facts = _inspect(fleet, {name for names in candidates.values() for name in names})
-    bound = bind(scenario, fleet.config, candidates, facts, binding)
+    bound, unfit = bind(scenario, fleet.config, candidates, facts, binding)
     robots = tuple(name for name in fleet.config.robots if name in bound.robots)
     lost = {name: errors[name] for name in robots if name in errors}
-    _check_lost(scenario, bound, lost)
+    if not unbound:
+        _check_lost(scenario, bound, lost)
     python = PythonFunctions.of(scenario, fleet.config)
     if problems := [
+        *unbound,
+        *unfit,
         *python.problems,
         *shared_robots(scenario, bound.roles),
         *check_on_robots(

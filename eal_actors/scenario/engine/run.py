@@ -24,6 +24,7 @@ from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.executor import perform_steps
 from eal_actors.scenario.engine.frames import ExecutionContext, Participant, StepTask
 from eal_actors.scenario.engine.loop import Coroutine, EventLoop
+from eal_actors.scenario.engine.past_steps import PastSteps
 from eal_actors.scenario.engine.plan import Plan, make_plan
 from eal_actors.scenario.engine.synchronization import find_meetings
 from eal_actors.scenario.language.binding import Wishes
@@ -98,11 +99,15 @@ class Run:
         self._saves = any(step.saves_files for *_, step in plan.scenario.walk())
         if self._saves and directory is None:
             raise ScenarioError(f"scenario {plan.scenario.name!r} saves files, so its run needs a directory")
+        past = None
         if resumption is not None:
             resumption.require_safe(plan.scenario)
+            if resumption.first_step < len(self._file.steps) and self._file.is_safe(resumption.first_step) is None:
+                past = PastSteps.of(resumption, plan, fleet)
         self._loop = EventLoop(fleet.clock)
         self._robots = {name: Participant(fleet[name]) for name in plan.robots}
         self._run = RunContext(plan, self._robots, self._loop, fleet, directory, self._emit, self._fail)
+        self._run.past = past
         self._future = _RunFuture(self, fleet.clock)
         self._phase = _Phase.STEPS
         self._next_step = 0
@@ -123,7 +128,12 @@ class Run:
         if self._is_started:
             raise ScenarioError("this run was started already; make a new one")
         self._is_started = True
-        self._journal = Journal(self._directory, self._listeners, is_resumed=self._resumption is not None)
+        self._journal = Journal(
+            self._directory,
+            self._listeners,
+            is_resumed=self._resumption is not None,
+            is_durable=self._run.losses is not None,
+        )
         if self._saves:
             image_writer()  # its import takes long, and would delay the robots
         before_s = self._resumption.time_s if self._resumption is not None else 0.0
@@ -243,7 +253,7 @@ class Run:
         yield from ()
 
     def _keep_checkpoint(self, next_step: int) -> None:
-        if self._file.keeps_checkpoints:
+        if self._directory is not None and self._file.keeps_checkpoints:
             self._emit(partial(checkpoints.make_checkpoint, self._run, next_step))
 
     def _perform_steps(self) -> Coroutine:
@@ -257,7 +267,7 @@ class Run:
             if not run.may_begin(context):
                 return
             self._next_step = index
-            yield from steps[index].perform(run, context, f"steps[{index}]")
+            yield from steps[index].perform(run, context.of(steps[index]), f"steps[{index}]")
             if not run.is_stopping:
                 self._next_step = index + 1
                 self._keep_checkpoint(index + 1)

@@ -52,6 +52,16 @@ def find_candidates(scenario: Scenario, fleet: FleetConfig, wishes: Wishes | Non
     Raises:
         ConfigError: a role names robots that the fleet does not have, or needs more than it has.
     """
+    found, problems = match_roles(scenario, fleet, wishes)
+    if problems:
+        raise ConfigError(problems)
+    return found
+
+
+def match_roles(
+    scenario: Scenario, fleet: FleetConfig, wishes: Wishes | None = None
+) -> tuple[dict[str, tuple[str, ...]], list[Problem]]:
+    """Return the robots that fit each role by name, tag and type, as far as the fleet has them, and the problems."""
     wishes = wishes or {}
     problems = [
         scenario.problem(("roles",), unknown_name("role", role, scenario.file.roles), key=True)
@@ -65,10 +75,7 @@ def find_candidates(scenario: Scenario, fleet: FleetConfig, wishes: Wishes | Non
         problems += unknown
         if not unknown:
             found[role] = _matching(section, manager, wishes.get(role))
-    problems += _shortages(scenario, fleet, found)
-    if problems:
-        raise ConfigError(problems)
-    return found
+    return found, problems + _shortages(scenario, fleet, found)
 
 
 def _matching(section: RoleSection, manager: EALConfigManager, wish: Sequence[str] | None) -> tuple[str, ...]:
@@ -85,13 +92,13 @@ def _unknown_names(
         try:
             manager.select(names=[name])
         except RobotNotFoundError as error:
-            problems.append(scenario.problem(("roles", role), f"as it was bound: {error.message}", key=True))
+            problems.append(scenario.role_problem(role, (), f"as it was bound: {error.message}", key=True))
     for key, words in (("robots", section.robots), ("tags", section.tags), ("types", section.types)):
         for index, word in enumerate(() if wish is not None else words or ()):
             try:
                 manager.select(**{"names" if key == "robots" else key: [word]})
             except RobotNotFoundError as error:
-                problems.append(scenario.problem(("roles", role, key, index), error.message))
+                problems.append(scenario.role_problem(role, (key, index), error.message))
     return problems
 
 
@@ -105,7 +112,7 @@ def _shortages(
             shown = f"only {len(names)} ({', '.join(names)})" if names else "none"
             reason = (why or {}).get(role, "")
             message = f"needs at least {needed} of the robots of fleet '{fleet.name}', but {shown} fit{reason}"
-            problems.append(scenario.problem(("roles", role), message, key=True))
+            problems.append(scenario.role_problem(role, (), message, key=True))
     return problems
 
 
@@ -115,36 +122,33 @@ def bind(
     candidates: Mapping[str, Sequence[str]],
     facts: Mapping[str, RobotFacts],
     wishes: Wishes | None = None,
-) -> Binding:
-    """Choose the robots that take part among those that fit.
+) -> tuple[Binding, list[Problem]]:
+    """Return the robots that take part among those that fit, and the problems.
 
     Args:
         scenario: the scenario.
         fleet: the fleet.
-        candidates: as `find_candidates` returned them.
+        candidates: as `match_roles` returned them; a role without an entry gets no robots.
         facts: the abilities of the robots that are up; a robot without an entry is assumed to fit.
         wishes: the robots of roles that were bound by the user.
-
-    Raises:
-        ConfigError: too few robots have the abilities that a role needs, or a named robot lacks one.
     """
     problems: list[Problem] = []
     reasons: dict[str, str] = {}
     fitting: dict[str, tuple[str, ...]] = {}
     for role, section in scenario.file.roles.items():
-        lacking = {name: lack for name in candidates[role] if (lack := _lack(section, facts.get(name)))}
+        fits = candidates.get(role, ())
+        lacking = {name: lack for name in fits if (lack := _lack(section, facts.get(name)))}
         named = section.robots is not None or role in (wishes or {})
         problems += [
             scenario.problem(("roles", role, "needs"), f"{name}: {lack}", key=True)
             for name, lack in lacking.items()
             if named
         ]
-        fitting[role] = tuple(name for name in candidates[role] if name not in lacking)
+        fitting[role] = tuple(name for name in fits if name not in lacking)
         reasons[role] = "".join(f"; {name}: {lack}" for name, lack in list(lacking.items())[:3])
-    problems += _shortages(scenario, fleet, fitting, reasons)
-    if problems:
-        raise ConfigError(problems)
-    return _with_spares(scenario, fleet, fitting)
+    roles = scenario.file.roles
+    enough = {role: names for role, names in fitting.items() if len(candidates.get(role, ())) >= roles[role].min}
+    return _with_spares(scenario, fleet, fitting), problems + _shortages(scenario, fleet, enough, reasons)
 
 
 def _lack(section: RoleSection, facts: RobotFacts | None) -> str | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -59,6 +59,19 @@ def parse_scenario(
     return _Loader().parse(text, name, (folder or Path()) / name, parameters or {})
 
 
+def examine_scenario(path: str | Path) -> tuple[Scenario | None, Callable[[Problem], bool]]:
+    """Read a scenario file that may have problems, so that a fleet can be checked against the rest of it.
+
+    Returns:
+        The scenario without what is wrong in it, None if nothing is left; and whether a problem is none of its own.
+    """
+    file, loader = find_file(path, "scenario"), _Loader()
+    try:
+        return loader.load(file, str(file), {}), lambda _: True
+    except ConfigError:
+        return loader.salvaged
+
+
 def is_scenario_file(path: Path) -> bool:
     """Return whether a YAML file has steps, as a scenario has, and a fleet or a world has not."""
     return bool(_STEPS.search(path.read_text(encoding="utf-8", errors="replace")))
@@ -93,11 +106,16 @@ def scenario_schema() -> dict[str, Any]:
 
 
 class _Loader:
-    """Reads one scenario and those inside it, each file once."""
+    """Reads one scenario and those inside it, each file once.
+
+    Attributes:
+        salvaged: of the last file with problems, the rest, and whether a problem is not due to what was removed.
+    """
 
     def __init__(self) -> None:
         self._done: dict[Path, Scenario | ConfigError] = {}
         self._open: list[Path] = []
+        self.salvaged: tuple[Scenario | None, Callable[[Problem], bool]] = (None, lambda _: False)
 
     def load(self, path: Path, name: str, parameters: Mapping[str, object]) -> Scenario:
         """Read a file; problems call it `name`."""
@@ -123,12 +141,21 @@ class _Loader:
             parts, size, problems = self._parts(scenario, path)
         finally:
             self._open.pop()
-        scenario = replace(scenario, parts=parts, size=size)
+        scenario = replace(scenario, parts=parts, size=size).with_named_robots()
         problems += check_parameters(file, tree)
         problems += check_scope(scenario, repaired.names if repaired is not None else ())
         if repaired is not None:
             problems = wrong + [problem for problem in problems if not repaired.concerns(problem)]
         if problems:
+            known = {(problem.line, problem.column) for problem in problems}
+            self.salvaged = (
+                set_parameters(scenario, parameters),
+                lambda problem: (
+                    not (
+                        (problem.line, problem.column) in known or (repaired is not None and repaired.concerns(problem))
+                    )
+                ),
+            )
             raise ConfigError(list(dict.fromkeys(problems)))
         return set_parameters(scenario, parameters)
 

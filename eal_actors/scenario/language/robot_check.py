@@ -168,7 +168,7 @@ class RobotCheck:
     def enter(self, role: str, here: RobotScope) -> RobotScope:
         """Return the scope inside an `on` of a role."""
         groups: dict[int, list[str]] = {}
-        for robot in here.roles[role]:
+        for robot in here.roles.get(role, ()):
             if robot in self._robots:
                 groups.setdefault(self._kinds[robot], []).append(robot)
         values = replace(here.values, has_facts=True)
@@ -217,7 +217,7 @@ class RobotCheck:
 
     def regular(self, here: RobotScope) -> list[str]:
         """Return the robots of the role of the `on`, without spares."""
-        return [name for name in here.roles[here.role] if name not in self._spares]
+        return [name for name in here.roles.get(here.role, ()) if name not in self._spares]
 
     # What steps have in common.
 

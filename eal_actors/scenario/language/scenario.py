@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
@@ -13,6 +13,7 @@ from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, Pos
 
 from eal_actors.kernel.errors import Problem
 from eal_actors.kernel.strict_model import NAMES_ONLY, Name, StrictModel, Version1
+from eal_actors.kernel.suggestions import nearest
 from eal_actors.kernel.yaml_tree import Mark, YamlPath, YamlTree, format_path
 from eal_actors.scenario.language.values import (
     MIN_ITEMS,
@@ -27,6 +28,7 @@ from eal_actors.scenario.language.values import (
 from eal_actors.scenario.steps.base import AnyStep, Step, Steps
 
 _ELEMENT: Final = re.compile(r"\[(\d+)\]|([^.\[\]]+)")
+_DIGIT: Final = re.compile(r"\d")
 Words = Annotated[tuple[Text, ...], Field(strict=False, json_schema_extra=MIN_ITEMS), NOT_EMPTY]
 ParameterType = Literal["int", "double", "bool", "string", "list"]
 
@@ -79,7 +81,8 @@ class ScenarioFile(StrictModel):
     description: str = ""
     """One line for people."""
     parameters: dict[VariableName, ParameterSection] = Field(default={}, json_schema_extra=NAMES_ONLY)
-    roles: dict[Name, RoleSection] = Field(min_length=1, json_schema_extra=NAMES_ONLY)
+    roles: dict[Name, RoleSection] = Field(default={}, json_schema_extra=NAMES_ONLY)
+    """The robots that take part; an `on` may also name a robot."""
     timeout_s: PositiveFloat | None = None
     """Default deadline of a call, in seconds of the fleet's clock; defaults to that of the fleet file."""
     on_failure: OnFailure = "abort"
@@ -88,21 +91,22 @@ class ScenarioFile(StrictModel):
     """The policy when a robot is lost; defaults to `on_failure`."""
     lost_after_s: NonNegativeFloat | None = None
     """Time out of reach after which a robot's step fails, in seconds of the fleet's clock; defaults to the fleet's."""
-    safe_to_repeat: bool = False
-    """A resumed run may repeat the step at which it was interrupted."""
+    safe_to_repeat: bool | None = None
+    """A resumed run repeats the step of the top level at which it was interrupted, from its beginning; with `false` it
+    refuses to. By default it continues inside that step, if the steps that were under way do no harm when repeated."""
     steps: Steps
     finally_: Annotated[tuple[AnyStep, ...], Field(strict=False)] = Field(default=(), alias="finally")
     """Steps for the end, whatever happened before. All robots take part, and a failure stops none of them."""
 
-    def is_safe(self, index: int) -> bool:
-        """Return whether a top-level step may be repeated."""
+    def is_safe(self, index: int) -> bool | None:
+        """Return whether a top-level step may be repeated from its beginning; None if its own steps decide."""
         own = self.steps[index].safe_to_repeat
         return self.safe_to_repeat if own is None else own
 
     @property
     def keeps_checkpoints(self) -> bool:
         """Whether a run of the scenario can be resumed after an interruption."""
-        return any(self.is_safe(index) for index in range(len(self.steps)))
+        return any(self.is_safe(index) is not False for index in range(len(self.steps)))
 
     def walk(self) -> Iterator[tuple[YamlPath, Step]]:
         """Yield all steps with their paths, each before the steps inside it."""
@@ -129,6 +133,7 @@ class Scenario:
         lines: the file's lines.
         parameters: the values of its parameters, defaults included; required ones without a value are missing.
         parts: the scenarios that its steps run, by the path of the step.
+        named: the robots that its steps name; each is a role of its own, with the path of its first step.
         size: the number of its steps, those of its parts included.
     """
 
@@ -138,6 +143,7 @@ class Scenario:
     lines: tuple[str, ...] = ()
     parameters: Mapping[str, object] = field(default_factory=dict)
     parts: Mapping[str, Scenario] = field(default_factory=dict)
+    named: Mapping[str, YamlPath] = field(default_factory=dict)
     size: int = 0
 
     @property
@@ -169,6 +175,30 @@ class Scenario:
         if not written[quote:].startswith(text[: offset + 1]):  # escapes, or a text of several lines
             return 0
         return quote + offset
+
+    def with_named_robots(self) -> Scenario:
+        """Return the scenario with a role for each robot that its steps, or those of its parts, name."""
+        named: dict[str, YamlPath] = {}
+        for path, step in self.file.walk():
+            part = self.parts.get(format_path(path))
+            for name in [step.own_role] if part is None else part.named:
+                if name is not None and self._is_robot(name):
+                    named.setdefault(name, path)
+        roles = {**self.file.roles, **{name: RoleSection(robots=(name,)) for name in named}}
+        return replace(self, file=self.file.model_copy(update={"roles": roles}), named=named)
+
+    def _is_robot(self, name: str) -> bool:
+        """Return whether a name is no role, nor a misspelt one: `scout-1` is a robot, `scuots` the role `scouts`."""
+        near = nearest(name, self.file.roles)
+        return name not in self.file.roles and (near is None or bool(_DIGIT.search(name)) > bool(_DIGIT.search(near)))
+
+    def role_problem(self, role: str, keys: YamlPath, message: str, *, key: bool = False) -> Problem:
+        """Return a problem of a role at some keys of it, or at the step that names a robot."""
+        if role in self.named:
+            return self.problem(
+                (*self.named[role], "on"), f"there is no role {role!r}, so it is a robot, and {message}"
+            )
+        return self.problem(("roles", role, *keys), message, key=key)
 
     def walk(self) -> Iterator[tuple[Scenario, YamlPath, str, Step]]:
         """Yield all steps, those of its parts included: the scenario, the path in it, the path in records, the step."""

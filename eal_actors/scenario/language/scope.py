@@ -142,6 +142,8 @@ class ScopeCheck:
     def roles(self) -> None:
         """Check the declarations of the roles."""
         file = self.scenario.file
+        if not file.roles and not self._doubtful:
+            self.report((), "no robots take part: give the scenario 'roles', or an 'on' the name of a robot")
         for name, role in file.roles.items():
             if role.max is not None and role.max < role.min:
                 self.report(("roles", name, "max"), f"is below 'min', {role.min}")

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar
 
 from pydantic import BaseModel
 from typing_extensions import override
 
+from eal_actors.scenario.report.records import is_recordable, to_record
 from eal_actors.scenario.report.summary import ErrorReport, Report, StartReport, StepRecord
 
 
@@ -165,15 +166,41 @@ class StepEnded(RunEvent):
         record: the record of the step.
         answer: the answer of a call, for listeners: an EALData, a status int, or None. `events.jsonl` leaves it out,
             because camera frames are large.
+        variables: those that the step has assigned, for a resumed run.
     """
 
     kind = "step_ended"
     record: StepRecord
     answer: object = None
+    variables: Mapping[str, object] = field(default_factory=dict)
 
     @override
     def to_dict(self) -> dict[str, Any]:
-        return {"event": self.kind, "time_s": self.time_s, "record": self.record.model_dump(mode="json")}
+        found: dict[str, Any] = {
+            "event": self.kind,
+            "time_s": self.time_s,
+            "record": self.record.model_dump(mode="json"),
+        }
+        if self.variables:
+            kept = {name: to_record(value) for name, value in self.variables.items() if is_recordable(value)}
+            found |= {"variables": kept, "unsaved": len(kept) < len(self.variables)}
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class Readings(RunEvent):
+    """Values were read for a condition, a loop or a variable; a resumed run takes the same way.
+
+    Attributes:
+        robot: the robot's name.
+        step: path of the condition, loop or step.
+        values: by the text of the reading.
+    """
+
+    kind = "readings"
+    robot: str
+    step: str
+    values: Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)

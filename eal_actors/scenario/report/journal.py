@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import IO, Final
 
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.kernel.log import get_logger
-from eal_actors.scenario.report.events import RunEvent
+from eal_actors.scenario.report.events import RunEvent, StepStarted
 from eal_actors.scenario.report.records import as_json
 from eal_actors.scenario.report.summary import Report
 
@@ -25,24 +26,34 @@ class Journal:
         directory: the run's folder, created if it does not exist; None writes nothing.
         listeners: called with each event, in the thread of the run. One that raises is logged and removed.
         is_resumed: the folder holds the record of an interrupted run; new events are appended.
+        is_durable: each start of a step reaches the disk before the step begins, so that after the death of the machine
+            another one, to which the folder belongs too, never repeats a command that may have been carried out.
 
     Raises:
-        ScenarioError: the folder cannot be written, or holds a run already.
+        ScenarioError: the folder cannot be written, holds a run already, or one that is under way.
     """
 
-    def __init__(self, directory: Path | None, listeners: Sequence[Listener], *, is_resumed: bool = False) -> None:
+    def __init__(
+        self,
+        directory: Path | None,
+        listeners: Sequence[Listener],
+        *,
+        is_resumed: bool = False,
+        is_durable: bool = False,
+    ) -> None:
         self._directory = directory
+        self._is_durable = is_durable
         self._listeners = list(listeners)
         self._stream: IO[str] | None = None
         if directory is None:
             return
         try:
             directory.mkdir(parents=True, exist_ok=True)
+            mode = "a" if is_resumed else "x"
+            self._stream = (directory / EVENTS).open(mode, encoding="utf-8", buffering=1)  # by lines
+            _lock(self._stream, directory)
             if is_resumed:
                 cut_half_line(directory / EVENTS)
-            self._stream = (directory / EVENTS).open(
-                "a" if is_resumed else "x", encoding="utf-8", buffering=1
-            )  # by lines
         except FileExistsError:
             raise ScenarioError(f"{directory} already has the record of a run") from None
         except OSError as error:
@@ -58,6 +69,8 @@ class Journal:
             if self._stream is not None:
                 try:
                     self._stream.write(as_json(event.to_dict()) + "\n")
+                    if self._is_durable and isinstance(event, StepStarted):
+                        os.fdatasync(self._stream.fileno())
                 except OSError:
                     self.close()
                     raise
@@ -95,6 +108,20 @@ class Journal:
                 stream.close()
             except OSError as error:
                 get_logger().error("the file of events is incomplete", reason=str(error))
+
+
+def _lock(stream: IO[str], directory: Path) -> None:
+    """Hold the record until the stream is closed, or its process dies.
+
+    Raises:
+        ScenarioError: another process holds it.
+    """
+    try:
+        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise ScenarioError(f"the run in {directory} is under way: another process writes its record") from None
+    except OSError:  # a file system without locks
+        get_logger().debug("the record cannot be locked", directory=str(directory))
 
 
 def cut_half_line(path: Path) -> None:

@@ -26,6 +26,7 @@ class Resumption:
         first_step: index of the top-level step at which it continues.
         was_begun: that step had begun.
         time_s: the time of its last event.
+        since: the events after the last checkpoint.
         variables: those of the run.
         slots: by role, the robot of each slot and the variables of the slot.
         signals: by name, how often each was given, and its last value.
@@ -49,9 +50,10 @@ class Resumption:
     records: tuple[StepRecord, ...] = ()
     starts: tuple[StartReport, ...] = ()
     continued_s: tuple[float, ...] = ()
+    since: tuple[Mapping[str, Any], ...] = ()
 
     def require_safe(self, scenario: Scenario) -> None:
-        """Check that the scenario is unchanged, and that the step at which the run continues may be repeated.
+        """Check that the scenario is unchanged, and that it does not forbid to repeat the step of the interruption.
 
         Raises:
             ScenarioError: one of these does not hold.
@@ -64,7 +66,7 @@ class Resumption:
         if self.first_step >= len(file.steps):
             return
         step = file.steps[self.first_step]
-        if self.was_begun and not file.is_safe(self.first_step):
+        if self.was_begun and file.is_safe(self.first_step) is False:
             place = scenario.tree.mark_at(("steps", self.first_step))
             raise ScenarioError(
                 f"the run in {self.directory} was interrupted in steps[{self.first_step}] ({step.kind}, "
@@ -103,22 +105,21 @@ def _read(line: str, directory: Path, number: int) -> dict[str, Any]:
 
 def _gather(directory: Path, events: list[dict[str, Any]]) -> Resumption:
     checkpoint: Mapping[str, Any] = {}
-    was_begun = False
+    since: list[Mapping[str, Any]] = []
     for event in events:
-        match event["event"]:
-            case "checkpoint":
-                checkpoint, was_begun = event, False
-            case "run_ended":
-                raise ScenarioError(f"the run in {directory} has ended; only an interrupted run can be resumed")
-            case "step_started" | "signal":
-                was_begun = True
+        since.append(event)
+        if event["event"] == "checkpoint":
+            checkpoint, since = event, []
+        elif event["event"] == "run_ended":
+            raise ScenarioError(f"the run in {directory} has ended; only an interrupted run can be resumed")
     if not checkpoint:
         raise ScenarioError(f"the run in {directory} cannot be resumed: none of its steps is safe_to_repeat")
     return Resumption(
         directory=directory,
         started=events[0],
         first_step=checkpoint["next_step"],
-        was_begun=was_begun,
+        was_begun=any(event["event"] in ("step_started", "signal") for event in since),
+        since=tuple(since),
         time_s=events[-1]["time_s"],
         variables=checkpoint["variables"],
         slots=checkpoint["seats"],

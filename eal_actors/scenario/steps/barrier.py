@@ -20,6 +20,7 @@ class BarrierStep(WaitingStep):
     """Wait for all robots and branches that have a barrier of this name."""
 
     kind = "barrier"
+    meets_again = True
     barrier: Name
 
     @override

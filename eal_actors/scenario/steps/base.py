@@ -12,7 +12,7 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Seq
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, ClassVar, TypeAlias
 
-from pydantic import Field
+from pydantic import Field, NonNegativeFloat
 from typing_extensions import override
 
 from eal_actors.kernel.errors import Problem
@@ -34,8 +34,10 @@ from eal_actors.scenario.language.values import (
 from eal_actors.scenario.steps.wording import short_number, show_value
 
 if TYPE_CHECKING:  # the scenario's model consists of steps
+    from eal_actors.device.info import ResourceInfo
     from eal_actors.scenario.engine.context import RunContext
     from eal_actors.scenario.engine.frames import ExecutionContext, Frame
+    from eal_actors.scenario.engine.plan import Plan
     from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
     from eal_actors.scenario.language.scenario import Scenario
     from eal_actors.scenario.language.scope import Scope, ScopeCheck
@@ -66,6 +68,9 @@ class Step(StrictModel):
 
     safe_to_repeat: bool | None = None
     """For steps of the top level: a resumed run may repeat the step; defaults to that of the file."""
+    lost_after_s: NonNegativeFloat | None = None
+    """Time out of reach after which the step of a robot fails, in seconds of the fleet's clock; also for the steps
+    inside; defaults to that of the block around it, or of the file."""
 
     # Structure.
 
@@ -79,9 +84,24 @@ class Step(StrictModel):
         return None
 
     @property
+    def own_role(self) -> str | None:
+        """The role whose robots perform the steps inside."""
+        return None
+
+    @property
     def saves_files(self) -> bool:
         """Whether the step itself writes into the run's folder."""
         return False
+
+    def may_repeat(self, plan: Plan, info: ResourceInfo | None, command: str | None) -> bool:
+        """Return whether performing the step again, after it was interrupted, leads to the same state as once.
+
+        Args:
+            plan: of the run.
+            info: the description of the resource that it calls, if there is one.
+            command: the text argument of its call.
+        """
+        return not self.children()
 
     def given_signals(self) -> Iterable[str]:
         """Return the signals that the step itself gives."""
@@ -131,6 +151,8 @@ class Step(StrictModel):
         """Check the step against its surroundings, and then the steps inside it."""
         if self.safe_to_repeat is not None and not (scope.is_top and path[0] == "steps"):
             check.report((*path, "safe_to_repeat"), "is allowed only for steps of the top level", key=True)
+        if self.lost_after_s is not None and scope.role is None and not self.children() and self.part_file is None:
+            check.report((*path, "lost_after_s"), "has no effect: the step is outside of 'on'", key=True)
         self.check_placement(check, path, scope)
         self.check_values(check, path, scope)
         inside = self.scope_inside(check, scope)
@@ -246,17 +268,14 @@ class FallibleStep(Step):
 
     Attributes:
         is_instant: it takes no time, so that only its failure is recorded.
+        meets_again: a resumed run performs it again although it was over.
     """
 
     is_instant: ClassVar[bool] = False
+    meets_again: ClassVar[bool] = False
 
     on_failure: OnFailure | None = None
     """The policy if it fails; defaults to that of the block around it, of the role or of the file."""
-
-    @property
-    def own_role(self) -> str | None:
-        """The role whose robots perform the steps inside."""
-        return None
 
     def check_placement(self, check: ScopeCheck, path: YamlPath, scope: Scope) -> None:
         """Check the failure policy."""
@@ -292,7 +311,7 @@ class FallibleStep(Step):
     @override
     def perform(self, run: RunContext, context: ExecutionContext, path: str) -> Coroutine:
         make = partial(StepAction, run, context, self.label, self.attempt)
-        return perform_step(run, context, self, path, make, is_quiet=self.is_instant)
+        yield from perform_step(run, context, self, path, make, is_quiet=self.is_instant)
 
 
 class LimitedStep(FallibleStep):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping
 from functools import partial
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from typing_extensions import override
 
@@ -29,8 +29,13 @@ from eal_actors.scenario.language.values import Text, VariableName
 from eal_actors.scenario.report.files import answer_problem, check_file_name, name_problems, save_answer
 from eal_actors.scenario.steps.base import Keys, Show, TimedStep
 
+if TYPE_CHECKING:  # a plan has steps
+    from eal_actors.scenario.engine.plan import Plan
+
 TEXT_FIELDS: Final = ("cmd", "req", "key")
 """The arguments that methods take as texts, even if they look like numbers."""
+_CONSUMING: Final = ("read_comm", "write_comm")
+"""Methods whose second call has another effect than the first; those of send_cmd are declared."""
 
 
 class ResourceArguments(StrictModel):
@@ -99,6 +104,15 @@ class CallStep(TimedStep):
     def call_words(self, resource: str, fields: Mapping[str, Any]) -> str:
         """Return a call as one line of a report; values that need readings are as written."""
         return " ".join([self.kind, resource, *(str(value) for value in fields.values() if value is not None)])
+
+    @override
+    def may_repeat(self, plan: Plan, info: ResourceInfo | None, command: str | None) -> bool:
+        if self.method != "send_cmd":
+            return self.method not in _CONSUMING
+        try:
+            return info is not None and info.parse_command(command or "", None)[0].repeatable
+        except EALError:  # it needs its data, or there are no commands to look up
+            return info is not None and any(one.name == command and one.repeatable for one in info.commands)
 
     @property
     @override
@@ -213,7 +227,7 @@ class CallStep(TimedStep):
 
     @override
     def perform(self, run: RunContext, context: ExecutionContext, path: str) -> Coroutine:
-        return perform_step(run, context, self, path, partial(_CallAction, run, context, self, path))
+        yield from perform_step(run, context, self, path, partial(_CallAction, run, context, self, path))
 
 
 class StartStep(CallStep):
@@ -306,7 +320,7 @@ class _CallAction(StepAction):
         robot = context.required_robot
         resource = self.resource or ""
         start: SynchronizedStart | None = None
-        if step.is_together and self._is_first:
+        if step.is_together and self._is_first and not run.has_met_before(context, self._path):
             self._is_first = False
             start = yield from join_start(run, context, step, self._path)
         self.is_begun = True

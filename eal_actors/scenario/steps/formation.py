@@ -105,7 +105,7 @@ class FormationStep(TimedStep):
 
     @override
     def count_calls(self, scenario: Scenario, path: YamlPath, robots: int | None, live: Mapping[str, int]) -> int:
-        return live[self.formation.role]
+        return live.get(self.formation.role, 0)
 
     @override
     def attempt(self, action: StepAction) -> Coroutine:

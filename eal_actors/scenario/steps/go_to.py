@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BaseModel, Discriminator, Tag
 from typing_extensions import override
@@ -30,6 +30,10 @@ from eal_actors.scenario.steps.places import (
     place_words,
     places_of,
 )
+
+if TYPE_CHECKING:  # a plan has steps
+    from eal_actors.device.info import ResourceInfo
+    from eal_actors.scenario.engine.plan import Plan
 
 
 class PositionArguments(ResourceArguments):
@@ -73,6 +77,10 @@ class MapStep(StartStep):
     @override
     def method(self) -> str:
         return "send_cmd"
+
+    @override
+    def may_repeat(self, plan: Plan, info: ResourceInfo | None, command: str | None) -> bool:
+        return True  # its goal is a place
 
     @override
     def call_words(self, resource: str, fields: Mapping[str, Any]) -> str:

@@ -58,5 +58,5 @@ class LetStep(FallibleStep):
     @override
     def attempt(self, action: StepAction) -> Coroutine:
         for name, value in self.let.items():
-            names = yield from action.run.read(action.context, bare_expressions(value))
+            names = yield from action.evaluate(bare_expressions(value))
             action.run.assign(action.context, name, evaluate_bare(value, names))

@@ -27,11 +27,11 @@ from eal_actors.scenario.steps.wording import until_words
 
 
 class OnStep(BlockStep):
-    """Perform steps with every robot of a role, all robots at the same time, until the last robot has finished."""
+    """Perform steps with every robot of a role, or one robot, all at the same time, until the last has finished."""
 
     kind = "on"
     on: Name
-    """The role."""
+    """The role, or the name of a robot."""
     do: Steps
     until: Text = "all"
     """`all`: ends when every robot has finished; `first`: when the first has; otherwise the name of a signal. Robots
@@ -88,7 +88,7 @@ class OnStep(BlockStep):
 
     @override
     def count_calls(self, scenario: Scenario, path: YamlPath, robots: int | None, live: Mapping[str, int]) -> int:
-        return count_calls(scenario, self.do, (*path, "do"), live[self.on], live)
+        return count_calls(scenario, self.do, (*path, "do"), live.get(self.on, 0), live)
 
     @override
     def perform(self, run: RunContext, context: ExecutionContext, path: str) -> Coroutine:

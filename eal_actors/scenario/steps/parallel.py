@@ -91,7 +91,7 @@ class ParallelStep(BlockStep):
         found: dict[tuple[YamlPath, str], None] = {}
         for keys, role in self._roles_by_branch(scenario, path):
             branch = str(keys[-1])
-            for robot in roles[role]:
+            for robot in roles.get(role, ()):
                 other, other_role = taken.setdefault(robot, (branch, role))
                 if other != branch:
                     message = (

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from pydantic import Field
 from typing_extensions import override
@@ -31,6 +31,10 @@ from eal_actors.scenario.language.expressions import render
 from eal_actors.scenario.language.scenario import Scenario
 from eal_actors.scenario.language.values import Text, Value, VariableName
 from eal_actors.scenario.steps.base import Keys, Show, TimedStep
+
+if TYPE_CHECKING:  # a plan has steps
+    from eal_actors.device.info import ResourceInfo
+    from eal_actors.scenario.engine.plan import Plan
 
 GROUP: Final = "eal_actors.steps"
 """The group of entry points that hold functions for steps."""
@@ -68,7 +72,8 @@ class StepContext:
 
 
 StepFunction = Callable[..., Any]
-"""Called as `step(context, **with)`; its result is the step's value."""
+"""Called as `step(context, **with)`; its result is the step's value. With an attribute `safe_to_repeat = True`, a
+resumed run calls it again if it was interrupted."""
 
 
 class PythonStep(TimedStep):
@@ -81,6 +86,10 @@ class PythonStep(TimedStep):
     """The function's arguments by name."""
     save_as: VariableName | None = None
     """Variable for its result."""
+
+    @override
+    def may_repeat(self, plan: Plan, info: ResourceInfo | None, command: str | None) -> bool:
+        return bool(getattr(plan.python.functions[self.python], "safe_to_repeat", False))
 
     @override
     def needs_everyone(self) -> bool:

@@ -95,6 +95,9 @@ class ScenarioStep(BlockStep):
         if self.roles:
             message = f"has no meaning inside 'on: {role}': each robot takes all roles of the scenario by itself"
             check.report((*path, "roles"), message, key=True)
+        for name in part.named:
+            message = f"inside 'on: {role}' each robot runs it by itself, but it names the robot '{name}'"
+            check.report((*path, "scenario"), message)
         for theirs, section in part.file.roles.items():
             if section.min > 1:
                 message = (
@@ -136,7 +139,9 @@ class ScenarioStep(BlockStep):
     @override
     def check_robots(self, check: RobotCheck, path: YamlPath, here: RobotScope) -> None:
         super().check_robots(check, path, here)
-        part = here.scenario.parts[format_path(path)]
+        part = here.scenario.parts.get(format_path(path))
+        if part is None:  # the loader has reported it
+            return
         constants: dict[str, object] = dict(part.parameters)
         for name, value in self.with_.items():
             at = (*path, "with", name)
@@ -154,7 +159,7 @@ class ScenarioStep(BlockStep):
                 check.report(here, at, problem)
             constants[name] = found
         own = here.role or None
-        roles = {theirs: here.roles[own or self.roles.get(theirs, theirs)] for theirs in part.file.roles}
+        roles = {theirs: here.roles.get(own or self.roles.get(theirs, theirs), ()) for theirs in part.file.roles}
         values = StaticValues({**constants, "run": here.values.constants["run"]})
         check.visit_file(RobotScope(part, roles, values, is_of_one=here.is_of_one or own is not None))
 
@@ -162,8 +167,9 @@ class ScenarioStep(BlockStep):
     def shared_robots(
         self, scenario: Scenario, path: YamlPath, roles: Mapping[str, Sequence[str]]
     ) -> Iterator[Problem]:
-        part = scenario.parts[format_path(path)]
-        yield from shared_robots(part, {role: roles[self.roles.get(role, role)] for role in part.file.roles})
+        if (part := scenario.parts.get(format_path(path))) is not None:
+            theirs = {role: roles.get(self.roles.get(role, role), ()) for role in part.file.roles}
+            yield from shared_robots(part, theirs)
 
     # Wording and planning.
 
@@ -183,7 +189,9 @@ class ScenarioStep(BlockStep):
     @override
     def count_calls(self, scenario: Scenario, path: YamlPath, robots: int | None, live: Mapping[str, int]) -> int:
         part = scenario.parts[format_path(path)]
-        theirs = {role: live[self.roles.get(role, role)] if robots is None else robots for role in part.file.roles}
+        theirs = {
+            role: live.get(self.roles.get(role, role), 0) if robots is None else robots for role in part.file.roles
+        }
         steps = count_calls(part, part.file.steps, ("steps",), None, theirs)
         return steps + count_calls(part, part.file.finally_, ("finally",), None, theirs)
 
@@ -200,7 +208,7 @@ class ScenarioStep(BlockStep):
         frame = Frame(scenario, roles, parameters, f"{path}.{scenario.name}.", outer, self.signals, slot)
         meets = find_meetings(frame, scenario.file.steps)
         task = StepTask(context.task, slot, meets=meets)
-        here = ExecutionContext(task, frame, slot, context.role, is_finally=context.is_finally)
+        here = replace(context, task=task, frame=frame, loops={}, policy=None, attempt=None)
         run.open_parts.append(here)
 
         def steps(around: ExecutionContext) -> Coroutine:

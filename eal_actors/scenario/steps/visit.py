@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from typing_extensions import override
 
@@ -32,6 +32,10 @@ from eal_actors.scenario.steps.places import (
     place_words,
     places_of,
 )
+
+if TYPE_CHECKING:  # a plan has steps
+    from eal_actors.device.info import ResourceInfo
+    from eal_actors.scenario.engine.plan import Plan
 
 PLACE: Final = "place"
 """The variable that holds the present place."""
@@ -104,6 +108,10 @@ class VisitStep(LoopStep):
     # Execution.
 
     @override
+    def may_repeat(self, plan: Plan, info: ResourceInfo | None, command: str | None) -> bool:
+        return True  # it drives to a place
+
+    @override
     def perform_inside(self, run: RunContext, context: ExecutionContext, path: str) -> Coroutine:
         here, needed = f"{path}.visit", expressions_in(self.visit)
         places: list[Place] | None = yield from compute(run, context, self, here, "visit", needed, self._places)
@@ -112,11 +120,8 @@ class VisitStep(LoopStep):
             if not run.may_begin(context):
                 return
             yield from run.next_pass()
-            arrivals: list[Place] = []
-            work = partial(self._drive, place, arrivals)
-            make = partial(StepAction, run, inside, f"visit {place_words(place)}", work)
-            yield from perform_step(run, inside, self, here, make)
-            if arrivals:
+            make = partial(StepAction, run, inside, f"visit {place_words(place)}", partial(self._drive, place))
+            if (yield from perform_step(run, inside, self, here, make)):
                 value = place if isinstance(place, str) else list(place)
                 yield from perform_steps(run, self.do, f"{path}.do", inside.in_loop(PLACE, value))
 
@@ -127,11 +132,10 @@ class VisitStep(LoopStep):
         index, count = (int(names.variables[fact]) for fact in ("index", "count"))  # type: ignore[call-overload]
         return places[index * len(places) // count : (index + 1) * len(places) // count]
 
-    def _drive(self, place: Place, arrivals: list[Place], action: StepAction) -> Coroutine:
+    def _drive(self, place: Place, action: StepAction) -> Coroutine:
         run, context = action.run, action.context
         action.resource = BASE
         context.task.touch(BASE)
         trip = begin_trip(run, context.required_robot.handle, place, context.frame.timeout_s)
         yield from run.wait(context, trip)
         trip.get()
-        arrivals.append(place)

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import os
-import pty
 import selectors
 import socket
 import tempfile
 import threading
-import tty
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
@@ -18,15 +16,20 @@ from typing import Final, Protocol
 from typing_extensions import override
 
 from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.posix import pty, tty
 
 TICK_S: Final = 0.01
 """Real seconds between calls of an emulator without input, which let it send by itself."""
 _MOST_BYTES: Final = 4096
+_MOST_UNSENT: Final = 1 << 20  # a client that does not read loses what comes then
 _DRAIN_S: Final = 5.0  # limit for an emulator whose input never pauses
 
 
 class DeviceEmulator(Protocol):
-    """An emulated device: bytes in, bytes out. Thread: its wire's."""
+    """An emulated device: bytes in, bytes out. Thread: its wire's.
+
+    If it also has `connected()`, TCP calls that when a client connects.
+    """
 
     def feed(self, data: bytes, now_s: float) -> bytes:
         """Process received bytes, possibly none, and return the bytes that it sends by `now_s`."""
@@ -164,6 +167,7 @@ class TcpWire(EmulatorWire):
         self.address = f"127.0.0.1:{self._port}"
         self._listener: socket.socket
         self._peer: socket.socket | None = None
+        self._unsent = bytearray()
 
     def _begin(self) -> None:
         self._listener = socket.create_server(("127.0.0.1", self._port))
@@ -187,13 +191,18 @@ class TcpWire(EmulatorWire):
                 self._hang_up()
             self._peer, _ = self._listener.accept()
             self._peer.setblocking(False)
+            self._unsent.clear()
             self._selector.register(self._peer, selectors.EVENT_READ)
+            getattr(self.emulator, "connected", lambda: None)()
         if self._peer is None:
             return
         try:
             data = self._peer.recv(_MOST_BYTES) if self._peer.fileno() in ready else None
             if data != b"":
-                self._peer.sendall(self._reply_to(data or b""))
+                reply = self._reply_to(data or b"")
+                if len(self._unsent) < _MOST_UNSENT:
+                    self._unsent += reply
+                del self._unsent[: self._peer.send(self._unsent)]
                 return
         except BlockingIOError:
             return

@@ -23,19 +23,18 @@ from __future__ import annotations
 
 import contextlib
 import os
-import resource
 import select
 import socket
-import stat
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Final
 
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.log import get_logger
+from eal_actors.kernel.posix import HAS_LIMITS, resource
+from eal_actors.wire.own_sockets import OPEN_FILES, is_listening, tcp_sockets
 from eal_actors.wire.security.packet_filter import (
     MAX_ADDRESSES,
     PacketRule,
@@ -46,7 +45,6 @@ from eal_actors.wire.security.packet_filter import (
 
 MAX_FILES: Final = 65_536
 """Open files that a listening process asks for, if its hard limit allows them."""
-_FILES: Final = Path("/proc/self/fd")
 ROBOT_STRANGERS: Final = 24
 """Connections to a robot without a finished handshake at which new ones are refused."""
 ROUTER_STRANGERS: Final = 256
@@ -63,6 +61,8 @@ _WARN_EACH_S: Final = 10.0
 
 def raise_file_limit() -> int:
     """Raise the soft limit of open files as far as the hard limit allows, and return it."""
+    if not HAS_LIMITS:
+        return MAX_FILES
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     wanted = MAX_FILES if hard == resource.RLIM_INFINITY else min(hard, MAX_FILES)
     if soft != resource.RLIM_INFINITY and soft < wanted:
@@ -73,6 +73,8 @@ def raise_file_limit() -> int:
 
 def descriptor_warnings() -> list[str]:
     """Return a warning if more than three quarters of this process's file descriptors are in use."""
+    if not HAS_LIMITS:
+        return []
     soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     try:
         used = _count_files()
@@ -101,8 +103,8 @@ def guarding(ports: Iterable[int], most: int, linked: Callable[[], list[str]]) -
     """
     served = frozenset(ports)
     listeners = []
-    for end in _sockets(served):
-        if end.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
+    for end in tcp_sockets():
+        if is_listening(end) and end.getsockname()[1] in served:
             listeners.append(end)
         else:
             end.close()
@@ -116,28 +118,11 @@ def guarding(ports: Iterable[int], most: int, linked: Callable[[], list[str]]) -
         guard.close()
 
 
-def _sockets(ports: frozenset[int]) -> Iterator[socket.socket]:
-    """Yield a duplicate of each of this process's TCP sockets at some ports, to be closed."""
-    seen = set()
-    for file in _FILES.iterdir() if _FILES.is_dir() else ():
-        with contextlib.suppress(OSError):  # it was closed meanwhile, or no descriptor is free
-            status = os.fstat(int(file.name))
-            if not stat.S_ISSOCK(status.st_mode) or status.st_ino in seen:
-                continue
-            seen.add(status.st_ino)
-            end = socket.socket(fileno=os.dup(int(file.name)))
-            is_tcp = end.family in (socket.AF_INET, socket.AF_INET6) and end.type == socket.SOCK_STREAM
-            if is_tcp and end.getsockname()[1] in ports:
-                yield end
-            else:
-                end.close()
-
-
 def _peers(ports: frozenset[int]) -> Iterator[str]:
     """Yield the IP address of the other end of each connection; nothing where it has gone already."""
-    for end in _sockets(ports):
+    for end in tcp_sockets():
         with end:
-            if not end.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
+            if end.getsockname()[1] in ports and not is_listening(end):
                 try:
                     yield plain_address(end.getpeername()[0])
                 except OSError:
@@ -145,7 +130,7 @@ def _peers(ports: frozenset[int]) -> Iterator[str]:
 
 
 def _count_files() -> int:
-    return sum(1 for _ in _FILES.iterdir())
+    return sum(1 for _ in OPEN_FILES.iterdir())
 
 
 class AcceptGuard:

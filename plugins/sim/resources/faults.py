@@ -117,7 +117,7 @@ class Faults(RobotResource):
             value = float(value)
         self._apply({key: value})
 
-    @command("clear")
+    @command("clear", repeatable=True)
     def clear(self) -> None:
         """End all faults; planned faults still begin."""
         self._apply(HEALTHY.model_dump())

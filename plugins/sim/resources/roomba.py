@@ -80,42 +80,42 @@ class Leds(RobotResource):
     def halt(self) -> None:
         """Do nothing: a light does not move."""
 
-    @command("dirt", _FLAG)
+    @command("dirt", _FLAG, repeatable=True)
     def set_dirt(self, on: bool) -> None:
         """Switch the dirt light on or off."""
         self._set(dirt=on)
 
-    @command("max", _FLAG)
+    @command("max", _FLAG, repeatable=True)
     def set_max(self, on: bool) -> None:
         """Switch the light of MAX on or off."""
         self._set(max=on)
 
-    @command("clean", _FLAG)
+    @command("clean", _FLAG, repeatable=True)
     def set_clean(self, on: bool) -> None:
         """Switch the light of CLEAN on or off."""
         self._set(clean=on)
 
-    @command("spot", _FLAG)
+    @command("spot", _FLAG, repeatable=True)
     def set_spot(self, on: bool) -> None:
         """Switch the light of SPOT on or off."""
         self._set(spot=on)
 
-    @command("status", _STATUS)
+    @command("status", _STATUS, repeatable=True)
     def set_status(self, colour: str) -> None:
         """Set the status light."""
         self._set(status=colour)
 
-    @command("power_colour<level>", _LEVEL)
+    @command("power_colour<level>", _LEVEL, repeatable=True)
     def set_power_colour(self, level: int) -> None:
         """Set the colour of the power light, from 0 green to 255 red."""
         self._set(power_colour=level)
 
-    @command("power_intensity<level>", _LEVEL)
+    @command("power_intensity<level>", _LEVEL, repeatable=True)
     def set_power_intensity(self, level: int) -> None:
         """Set the intensity of the power light, from 0 off to 255 full."""
         self._set(power_intensity=level)
 
-    @command("off")
+    @command("off", repeatable=True)
     def switch_off(self) -> None:
         """Switch all lights off."""
         self._lights = _Lights()
@@ -172,7 +172,7 @@ class Song(SongBook, RobotResource):
         with self._world.caught_up() as now_s:
             return self._plays_until_s - now_s
 
-    @command("notes", NOTES)
+    @command("notes", NOTES, repeatable=True)
     def set_notes(self, text: str) -> None:
         """Store the song's notes, at most 16."""
         parse_notes(text)

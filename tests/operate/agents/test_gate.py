@@ -124,7 +124,7 @@ def test_old_plans_no_longer_wait(tmp_path: Path, gate: PlanGate) -> None:
 
 
 NOT_ALLOWED = (
-    ("r${angle * turn}", "r${40 * turn}", "r 80.0 is not within 0 and 60"),
+    ("r${angle * turn}", "r${40 * turn}", "r 80 is not within 0 and 60"),
     ("r${angle * turn}", "f0.1", "Base f"),
     ("wait_s: 0.1", "go_to: {x_m: 1, y_m: 1}", "a step 'go_to'"),
     ("wait_s: 0.1", "set_value: {resource: Base, value: [0.1, 0.0]}", "Base set_value"),

@@ -137,6 +137,15 @@ def test_close_aborts_the_run_and_halts_the_robots(tmp_path: Path) -> None:
         assert base.halts >= 1
 
 
+def test_lists_that_a_view_asks_for_at_once_are_all_answered(dashboard: Dashboard) -> None:
+    with page_of(dashboard) as page:
+        for number, what in enumerate(("plans", "scenarios") * 4):
+            page.say(do=what, id=1000 + number)
+        page.hear_until(lambda: len(page.answers) == 8)
+        assert [answer for answer in page.answers.values() if not answer["ok"]] == []
+        assert list(page.answers) == list(range(1000, 1008)), "in their order"
+
+
 def test_no_poses_are_asked_for_without_a_browser(tmp_path: Path) -> None:
     with counting_fleet(tmp_path, "one").connect() as fleet, open_dashboard(fleet) as dashboard:
         pose = resource_of(fleet, "one", "Pose")

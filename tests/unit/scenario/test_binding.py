@@ -9,7 +9,7 @@ import pytest
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import load_scenario
-from eal_actors.scenario.language.binding import Binding, RobotFacts, bind, find_candidates
+from eal_actors.scenario.language.binding import Binding, RobotFacts, bind, match_roles
 from tests.unit.scenario.test_robots import BASE, EYE
 
 FLEET = "version: 1\nname: four\nrobots:\n" + "".join(f"  {name}: {{plugins: {{p: {{}}}}}}\n" for name in "abcd")
@@ -26,7 +26,11 @@ def bound(folder: Path, roles: str, wishes: dict[str, list[str]] | None = None) 
     (folder / "s.yaml").write_text(f"version: 1\nname: x\nroles: {roles}\nsteps: [{{log: x}}]\n")
     fleet = EALConfigManager.load(folder / "f.yaml", environment={}).fleet
     scenario = load_scenario(folder / "s.yaml")
-    return bind(scenario, fleet, find_candidates(scenario, fleet, wishes), FACTS, wishes)
+    candidates, unbound = match_roles(scenario, fleet, wishes)
+    binding, unfit = bind(scenario, fleet, candidates, FACTS, wishes)
+    if problems := unbound + unfit:
+        raise ConfigError(problems)
+    return binding
 
 
 @pytest.mark.parametrize(

@@ -91,7 +91,10 @@ def test_the_environment_has_no_say(tmp_path: Path, monkeypatch: pytest.MonkeyPa
             "5:9: steps[0]: is 'log' and 'wait_s' at once; begin each step with its own '-'",
         ),
         ("steps: [{wait_s: -1}]", "5:18: steps[0].wait_s: must be at least 0, not -1"),
-        ("steps: [{log: x, at: 1}]", "5:18: steps[0].at: unknown key 'at'; known: log, on_failure, safe_to_repeat"),
+        (
+            "steps: [{log: x, at: 1}]",
+            "5:18: steps[0].at: unknown key 'at'; known: log, lost_after_s, on_failure, safe_to_repeat",
+        ),
         ("steps: [{repeat: 0, do: [{log: x}]}]", "5:18: steps[0].repeat: must be at least 1, not 0"),
         ("steps: [{repeat: 2, do: []}]", "5:25: steps[0].do: is empty; it needs at least one item"),
         ("steps: [{repeat: 2}]", "5:9: steps[0].do: is missing"),
@@ -111,7 +114,7 @@ def test_the_environment_has_no_say(tmp_path: Path, monkeypatch: pytest.MonkeyPa
             "steps: [{for: {a: [1]}, do: [{for: {a: [1]}, do: [{log: x}]}]}]",
             "5:37: steps[0].do[0].for.a: 'a' is the variable of a loop around this one already",
         ),
-        ("steps: [{on: q, do: [{log: x}]}]", "5:14: steps[0].on: unknown role 'q'; known: r"),
+        ("steps: [{on: rr, do: [{log: x}]}]", "5:14: steps[0].on: unknown role 'rr'; did you mean 'r'?"),
         (
             "steps: [{on: r, do: [{on: r, do: [{log: x}]}]}]",
             "5:23: steps[0].do[0].on: is inside 'on: r'; a robot performs one 'on' at a time",
@@ -135,7 +138,7 @@ def test_the_environment_has_no_say(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         (
             in_role("set_value: {resource: Base, value: 1}\n    save_as: x"),
             (
-                "9:5: steps[0].do[0].save_as: unknown key 'save_as'; known: on_failure, "
+                "9:5: steps[0].do[0].save_as: unknown key 'save_as'; known: lost_after_s, on_failure, "
                 "safe_to_repeat, set_value, timeout_s, together"
             ),
         ),

@@ -93,8 +93,8 @@ def problems(folder: Path, body: str, head: str = HEAD) -> list[str]:
         (
             "steps: [{on: r, do: [{get_value: {resource: B}, together: true}]}]",
             (
-                "4:49: steps[0].do[0].together: unknown key 'together'; known: get_value, on_failure, safe_to_repeat, "
-                "save, save_as, timeout_s"
+                "4:49: steps[0].do[0].together: unknown key 'together'; known: get_value, lost_after_s, on_failure, "
+                "safe_to_repeat, save, save_as, timeout_s"
             ),
         ),
         (

@@ -86,6 +86,13 @@ class Arm(api.Resource):
         self._notebook.note("step", str(number))
         return number
 
+    @api.command("to<number>", api.ValueInfo(api.DataType.INT), repeatable=True)
+    def to(self, number: int) -> api.Activity:
+        """Move to a place, from wherever it is."""
+        with self._move(f"to{number}"):
+            yield _STEP_S
+        return 1
+
     @api.command("put", api.ValueInfo(api.DataType.INT))
     def put(self, number: int) -> None:
         """Take a number that is no part of the text."""

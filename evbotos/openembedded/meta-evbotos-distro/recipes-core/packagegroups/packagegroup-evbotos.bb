@@ -39,7 +39,9 @@ RDEPENDS:${PN}-dev-image = "\
     linux-libc-headers-dev \
     make \
     mdnsd \
+    nftables \
     openntpd \
+    openssh-sftp-server \
     python3-cffi \
     python3-core \
     python3-dev \
@@ -72,7 +74,9 @@ RDEPENDS:${PN}-minimal-image = "\
     evbotos-rootfs-watchdog \
     glibc \
     mdnsd \
+    nftables \
     openntpd \
+    openssh-sftp-server \
     python3-core \
     python3-modules \
 "
@@ -91,8 +95,10 @@ RDEPENDS:${PN}-octave-image = "\
     evbotos-rootfs-watchdog \
     glibc \
     mdnsd \
+    nftables \
     octave \
     openntpd \
+    openssh-sftp-server \
     python3-core \
     python3-modules \
 "
@@ -113,7 +119,9 @@ RDEPENDS:${PN}-robot-image = "\
     evbotos-rootfs-watchdog \
     glibc \
     mdnsd \
+    nftables \
     openntpd \
+    openssh-sftp-server \
     python3-cffi \
     python3-core \
     python3-eal-actors \

@@ -1,7 +1,8 @@
 """Start the robot's server as quickly as a slow board can.
 
-It skips modules that only terminals need, defers optional imports until first use, and disables garbage collection
-during imports: on a Cortex-A8 or in an emulator, each of these costs seconds.
+It gives up the rights of root before it imports the framework. It skips modules that only terminals need, defers
+optional imports until first use, and disables garbage collection during imports: on a Cortex-A8 or in an emulator,
+each of these costs seconds.
 """
 
 from __future__ import annotations
@@ -33,13 +34,14 @@ def main() -> None:
     """Load and run the server."""
     gc.disable()
     sys.path[:] = filter(os.path.isdir, sys.path)
+    own = import_module("robot_user").become_robot()
     sys.modules["rich"] = None  # type: ignore[assignment]  # marks it as not installed; structlog works without it
     for name in _IN_CASE:
         load_when_used(name)
     server = import_module("serve_robot")
     gc.freeze()
     gc.enable()
-    server.main()
+    server.main(own)
 
 
 if __name__ == "__main__":

@@ -1,19 +1,19 @@
 """Serve this machine's robot like `eal serve`, without loading the command line, because boards are slow.
 
-The fleet file comes from a USB stick, else the data partition, else the boot partition, else the image. The
-robot is the one in the file `name` next to it, else the only one with an address, else the one with the
+The robot is the one in the file `name` next to it, else the only one with an address, else the one with the
 machine's host name.
 """
 
 from __future__ import annotations
 
-import os
 import signal
 import socket
 import sys
 from pathlib import Path
 from types import FrameType
 from typing import Final, NoReturn
+
+from robot_user import Own  # type: ignore[import-not-found]  # beside this file in the image
 
 from eal_actors.facade.service import RobotService
 from eal_actors.kernel.errors import ConfigError, EALError, Problem
@@ -22,14 +22,6 @@ from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 
 _STATE: Final = Path("/run/evbotos")
-_DEFAULT: Final = Path("/usr/share/evbotos/fleet.yaml")
-
-
-def find_fleet() -> Path:
-    """Return the fleet file to use."""
-    sticks = sorted(Path("/media").glob("*/fleet.yaml"))
-    places = [*sticks, Path("/data/robot/fleet.yaml"), Path("/boot/robot/fleet.yaml")]
-    return next((place for place in places if place.is_file()), _DEFAULT)
 
 
 def choose_robot(config: FleetConfig, fleet: Path, hostname: str) -> str:
@@ -54,43 +46,42 @@ def _interrupt(_number: int, _frame: FrameType | None) -> NoReturn:
     raise KeyboardInterrupt
 
 
-def _say(words: str) -> None:
+def _say(own: Own, words: str) -> None:
     """Write to the log and to the console."""
     sys.stderr.write(f"{words}\n")
-    Path("/dev/console").write_text(f"evbotos: {words}\n")
+    own.say(words)
 
 
-def serve() -> None:
+def serve(own: Own) -> None:
     """Serve until SIGTERM.
 
     Raises:
         EALError: the robot cannot be served.
     """
-    fleet = find_fleet()
-    config = EALConfigManager.load(fleet).fleet
-    robot = choose_robot(config, fleet, socket.gethostname())
+    config = EALConfigManager.load(own.fleet).fleet
+    robot = choose_robot(config, own.fleet, socket.gethostname())
     with RobotService(config, robot) as service:
         uptime_s = Path("/proc/uptime").read_text().split()[0]
-        (_STATE / "robot.up").write_text(f"{robot} {fleet} {uptime_s}\n")
+        (_STATE / "robot.up").write_text(f"{robot} {own.source} {uptime_s}\n")
         resources = ", ".join(service.robot)
-        _say(f"{robot} of {fleet} serves {resources} at {', '.join(service.endpoints)}, {uptime_s} s after the start")
+        place = ", ".join(service.endpoints)
+        _say(own, f"{robot} of {own.source} serves {resources} at {place}, {uptime_s} s after the start")
         service.wait()
 
 
-def main() -> None:
-    """Serve and report errors."""
+def main(own: Own) -> None:
+    """Serve and report errors.
+
+    Args:
+        own: the fleet file and the console.
+    """
     configure_logging("human", "info")
-    (_STATE / "robot.pid").write_text(str(os.getpid()))
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, _interrupt)
     try:
-        serve()
+        serve(own)
     except KeyboardInterrupt:
         sys.stderr.write("halted; leaving the network\n")
     except EALError as error:
-        _say(f"the robot does not start: {error}")
+        _say(own, f"the robot does not start: {error}")
         raise SystemExit(1) from None
-
-
-if __name__ == "__main__":
-    main()

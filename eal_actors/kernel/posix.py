@@ -1,0 +1,46 @@
+"""Modules that only POSIX systems have. Import them from here: a system without one fails only where it is used."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Final, NoReturn
+
+if TYPE_CHECKING:
+    import fcntl
+    import grp
+    import pty
+    import resource
+    import termios
+    import tty
+
+    TerminalError = termios.error
+else:
+
+    class _MissingModule:
+        """In place of a module that this system has not."""
+
+        def __init__(self, name: str) -> None:
+            self._name = name
+
+        def __getattr__(self, attribute: str) -> NoReturn:
+            raise AttributeError(f"{self._name}.{attribute}: this system has no module {self._name!r}")
+
+    def _optional(name: str) -> Any:
+        try:
+            return import_module(name)
+        except ModuleNotFoundError:
+            return _MissingModule(name)
+
+    class _NeverRaisedError(Exception):
+        """In place of errors that this system does not raise."""
+
+    fcntl, grp, pty, resource, termios, tty = map(_optional, ("fcntl", "grp", "pty", "resource", "termios", "tty"))
+    TerminalError = getattr(termios, "error", _NeverRaisedError)
+
+HAS_TERMINALS: Final = hasattr(termios, "TIOCEXCL")
+"""Whether serial ports and terminals are those of POSIX."""
+
+HAS_LIMITS: Final = hasattr(resource, "getrlimit")
+"""Whether a process has limits of its resources."""
+
+__all__ = ["HAS_LIMITS", "HAS_TERMINALS", "TerminalError", "fcntl", "grp", "pty", "resource", "termios", "tty"]
