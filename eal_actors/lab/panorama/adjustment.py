@@ -48,7 +48,7 @@ class _Points:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Problem:
-    """What is to be explained. The parameters are log zoom, k1, then yaws, depressions and rolls."""
+    """The points and the priors. The parameters are log zoom, k1, then yaws, depressions and rolls."""
 
     lens: CameraLens
     points: _Points
