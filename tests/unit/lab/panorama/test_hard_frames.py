@@ -46,7 +46,7 @@ def distorted(yaw_rad: float, k1: float) -> Image:
     large = CameraLens(640, 480, 2 * math.atan(math.tan(VIEW_RAD / 2) * 1.4))
     picture = shots([yaw_rad], large.width, large.field_of_view_rad)[0]
     maps = (straight * large.focal_px + (319.5, 239.5)).astype(np.float32)
-    return np.asarray(cv2.remap(picture, maps, None, cv2.INTER_AREA), np.uint8)
+    return np.asarray(cv2.remap(picture, maps[..., 0], maps[..., 1], cv2.INTER_AREA), np.uint8)
 
 
 @cache
