@@ -77,10 +77,8 @@ def within(traceparent: str) -> AbstractContextManager[object]:
     return tracer.within(traceparent) if traceparent and tracer is not None else nullcontext()
 
 
-def during(span: Span | None, steps: Generator[Y, None, R]) -> Generator[Y, None, R]:
+def during(span: Span, steps: Generator[Y, None, R]) -> Generator[Y, None, R]:
     """Run a generator's steps so that the spans they begin are parts of a span, whatever runs between the steps."""
-    if span is None:
-        return (yield from steps)
     try:
         while True:
             with span.current():

@@ -14,9 +14,10 @@ from eal_actors.device.world.loading import validate
 from eal_actors.kernel.errors import ConfigError, Problem, RobotNotFoundError
 from eal_actors.kernel.strict_model import StrictModel, problems_from
 from eal_actors.kernel.suggestions import did_you_mean
-from eal_actors.managers.fleet_loader import fleet_of, load_fleet, tree_of
+from eal_actors.managers.fleet_loader import fleet_of, load_fleet
 from eal_actors.managers.fleet_model import FleetConfig, FleetFile, RobotConfig
 from eal_actors.managers.manifest import ManifestFile
+from eal_actors.managers.memory_file import tree_of
 
 T = TypeVar("T")
 

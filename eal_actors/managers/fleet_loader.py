@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -20,11 +19,9 @@ from eal_actors.kernel.yaml_tree import (
     MarkedList,
     YamlPath,
     YamlTree,
-    format_path,
     merge,
     plain,
     replace_text,
-    show,
 )
 from eal_actors.managers.fleet_model import (
     MAX_ROBOTS_OF_ONE_ENTRY,
@@ -33,6 +30,7 @@ from eal_actors.managers.fleet_model import (
     robot_config,
 )
 from eal_actors.managers.map_check import map_problems
+from eal_actors.managers.memory_file import tree_of
 from eal_actors.managers.network_check import network_problems
 from eal_actors.managers.network_model import IDENTITY_VARIABLE, network_config
 from eal_actors.managers.pose_check import pose_problems
@@ -347,56 +345,3 @@ def _find(mark: Mark, target: str, kind: Kind) -> Path:
 
 def _no_such_file(path: Path) -> str:
     return f"no such file: {path}{did_you_mean(path.name, [file.name for file in path.parent.glob('*.yaml')])}"
-
-
-def tree_of(content: Mapping[str, object], name: str) -> YamlTree:
-    """Return content given in memory as the tree of a file, so that the checks are the same.
-
-    Args:
-        content: values that YAML can hold: text, numbers, true, false and null, in lists and in mappings with text as
-            keys. Tuples become lists, and paths become text.
-        name: its name in problems. It has no lines; paths in it are relative to the working directory.
-
-    Raises:
-        ConfigError: with every value that YAML cannot hold.
-    """
-    copier = _Copier(Mark(name, 0, 0))
-    root = copier.mapping(content, ())
-    if copier.problems:
-        raise ConfigError(copier.problems)
-    return YamlTree(root)
-
-
-class _Copier:
-    """Copies plain values into marked ones, all with the same mark."""
-
-    def __init__(self, mark: Mark) -> None:
-        self.problems: list[Problem] = []
-        self._mark = mark
-
-    def mapping(self, content: Mapping[str, object], path: YamlPath) -> MarkedDict:
-        """Return a copy of a mapping, and note its problems."""
-        copy = MarkedDict(self._mark)
-        for key, value in content.items():
-            if isinstance(key, str):
-                copy.put(key, self._value(value, (*path, key)), self._mark, self._mark)
-            else:
-                self._note(path, f"a key must be text, not {show(key)}")
-        return copy
-
-    def _value(self, value: object, path: YamlPath) -> object:
-        if isinstance(value, Mapping):
-            return self.mapping(value, path)
-        if isinstance(value, list | tuple):
-            items = MarkedList(self._mark)
-            for index, item in enumerate(value):
-                items.put(self._value(item, (*path, index)), self._mark)
-            return items
-        if isinstance(value, os.PathLike):
-            return os.fspath(value)
-        if not isinstance(value, str | int | float | None):
-            self._note(path, f"must be what YAML can hold, not {type(value).__name__}: {show(value)}")
-        return value
-
-    def _note(self, path: YamlPath, message: str) -> None:
-        self.problems.append(Problem(self._mark.file, 0, 0, format_path(path), message))

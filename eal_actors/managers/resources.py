@@ -5,13 +5,20 @@ from __future__ import annotations
 import itertools
 import threading
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Generic, TypeVar
 
 from eal_actors.device.info import unknown_name
 from eal_actors.kernel.errors import ResourceInUseError, ResourceNotFoundError
 
 T = TypeVar("T")
+
+
+class _ById(dict[int, T]):
+    def __missing__(self, resource_id: int) -> T:
+        raise ResourceNotFoundError(
+            f"no resource has the id {resource_id!r} in this connection; find_resource gives ids"
+        )
 
 
 class EALResourceManager(Generic[T]):
@@ -22,6 +29,10 @@ class EALResourceManager(Generic[T]):
     Args:
         resources: the objects by name.
 
+    Attributes:
+        get: returns the object of an id from `find`, in every call, so without a frame of Python; an id that no
+            resource has in this connection raises ResourceNotFoundError.
+
     Thread: any.
     """
 
@@ -30,7 +41,8 @@ class EALResourceManager(Generic[T]):
         self._lock = threading.Lock()
         self._numbers = itertools.count()
         self._id_by_name: dict[str, int] = {}
-        self._by_id: dict[int, T] = {}
+        self._by_id: dict[int, T] = _ById()
+        self.get: Callable[[int], T] = self._by_id.__getitem__
         self._lent: list[tuple[str, object]] = []
 
     def names(self) -> list[str]:
@@ -50,19 +62,6 @@ class EALResourceManager(Generic[T]):
                 number = self._id_by_name[name] = next(self._numbers)
                 self._by_id[number] = self._resources[name]
             return self._id_by_name[name]
-
-    def get(self, resource_id: int) -> T:
-        """Return the object of an id from `find`.
-
-        Raises:
-            ResourceNotFoundError: no resource has that id in this connection.
-        """
-        try:
-            return self._by_id[resource_id]
-        except KeyError:
-            raise ResourceNotFoundError(
-                f"no resource has the id {resource_id!r} in this connection; find_resource gives ids"
-            ) from None
 
     def check_out(self, name: str, lent: object) -> None:
         """Check out an object of a resource; each must be returned (Source: thesis B.2.4.1)."""

@@ -332,22 +332,10 @@ class SimRobot:
         wheels = self._wheels.state()
         odometer = (self._odometer or WheelOdometer(self.make.track_m, (0.0, 0.0))).state(self._calibration)
         self.free = free
-        return FreeState._make(
-            (
-                *self._pose,
-                *self._last_pose,
-                *self._pose_before_last,
-                *self._command_m,
-                *self._wanted,
-                *wheels,
-                *odometer,
-                *self._battery.limits,
-                self.make.max_speed_m_s * self.tick_s,
-                *regular,
-                *odometer[0:3],
-                0.0,
-            )
-        )
+        poses = *self._pose, *self._last_pose, *self._pose_before_last
+        travel = *self._command_m, *self._wanted, *wheels, *odometer, *self._battery.limits
+        limit_m = self.make.max_speed_m_s * self.tick_s
+        return FreeState._make((*poses, *travel, limit_m, *regular, *odometer[0:3], 0.0))
 
     def leave(self) -> None:
         """Take its state back from the array, if one has it."""

@@ -248,7 +248,8 @@ class _Execution:
         """Perform the step; return False if a spare has replaced the robot and must perform it again."""
         start_s = self._run.emit(self._started) if not self._is_quiet else None
         span = self._new_span()
-        attempts, error = yield from spans.during(span, self._attempts())
+        steps = self._attempts()
+        attempts, error = yield from (steps if span is None else spans.during(span, steps))
         if span is not None:
             span.end(error)
         if error is None:

@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
-from typing import Final
 
 from typing_extensions import override
 
@@ -37,8 +36,6 @@ from eal_actors.scenario.report.resuming import Resumption
 from eal_actors.scenario.report.summary import Report, RunOutcome
 from eal_actors.scenario.steps.base import roles_at_work
 from eal_actors.scenario.steps.python import join_threads
-
-INTERRUPTED: Final = "interrupted from the keyboard"
 
 
 class _Phase(enum.Enum):
@@ -379,7 +376,7 @@ def run_scenario(
 
     def interrupt() -> None:
         interrupts.append(None)
-        run.abort(INTERRUPTED)
+        run.abort("interrupted from the keyboard")
 
     with _ctrl_c_calls(interrupt):
         report = run.start()

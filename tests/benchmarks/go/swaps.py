@@ -40,9 +40,7 @@ def _swaps(*, with_mishaps: bool) -> list[Result]:
         figures = list(processes.map(swap_with_mishaps if with_mishaps else swap_places, range(SEEDS)))
     for figure in figures:
         print(figure)  # noqa: T201
-    return summary(
-        figures, f"{ROBOTS} robots swap places" + (", with random stops and one killed" if with_mishaps else "")
-    )
+    return summary(figures, "random stops and one killed" if with_mishaps else "no mishaps")
 
 
 def summary(figures: list[SwapFigures], mishaps: str) -> list[Result]:

@@ -13,7 +13,7 @@ from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.kernel.yaml_source import load_yaml
 from eal_actors.managers.config import EALConfigManager, world_of
-from eal_actors.managers.fleet_loader import tree_of
+from eal_actors.managers.memory_file import tree_of
 
 ROBOTS: dict[str, Any] = {"a": {"plugins": {"sample": {}}}}
 ROOM: dict[str, Any] = {"version": 1, "name": "room", "size_m": (4, 3)}
