@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import logging
 import threading
 from collections.abc import Iterator, Mapping
 from types import TracebackType
@@ -18,6 +19,7 @@ from typing import Any, Final, Self
 import foxglove
 from foxglove import Channel, Context
 from foxglove.websocket import Capability
+from typing_extensions import override
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle
@@ -47,6 +49,7 @@ _ANSWER_S: Final = 30.0
 _STATE_TOPIC: Final = "/state"
 _TRANSFORMS_TOPIC: Final = "/tf"
 _LOG_TOPIC: Final = "/log"
+_LEVEL_NAMES: Final = ((logging.ERROR, "error"), (logging.WARNING, "warning"), (logging.INFO, "info"), (0, "debug"))
 
 
 class LiveView:
@@ -88,9 +91,14 @@ class LiveView:
         self._over = new_waiter()
         self._thread = threading.Thread(target=self._run, name="foxglove", daemon=True)
         self._server: Any = None
+        self._lines = _LogLines(self)
 
     def __enter__(self) -> Self:
-        for topic, schema in ((_TRANSFORMS_TOPIC, schemas.TRANSFORMS), (_STATE_TOPIC, schemas.STATE)):
+        for topic, schema in (
+            (_TRANSFORMS_TOPIC, schemas.TRANSFORMS),
+            (_STATE_TOPIC, schemas.STATE),
+            (_LOG_TOPIC, schemas.LOG),
+        ):
             self._channel(topic, schema)
         for topic in self._scenes:
             self._channel(topic, schemas.SCENE)
@@ -112,6 +120,7 @@ class LiveView:
             raise UnavailableError(f"cannot listen at {self._host}:{self._port}: {error}") from error
         if self._control is not None:
             self._control.start()
+        logging.getLogger("eal_actors").addHandler(self._lines)
         self._sampler.__enter__()
         self._thread.start()
         return self
@@ -119,6 +128,7 @@ class LiveView:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
+        logging.getLogger("eal_actors").removeHandler(self._lines)
         self._sampler.__exit__(kind, error, traceback)
         REAL_TIME.wake(self._over)
         self._thread.join()
@@ -258,6 +268,25 @@ class LiveView:
         if (entry := log_entry_of(fields)) is not None:
             log = messages.log_message(time_s, entry.level, entry.source, entry.text)
             self._log(_LOG_TOPIC, schemas.LOG, log, time_s)
+
+    def show_line(self, level: str, robot: str, text: str) -> None:
+        """Show a line of the log. Thread: any; does not block."""
+        time_s = self._wall_s(self._fleet.clock.now())
+        self._log(_LOG_TOPIC, schemas.LOG, messages.log_message(time_s, level, robot, text), time_s)
+
+
+class _LogLines(logging.Handler):
+    """Gives the framework's log lines to a view. Thread: any."""
+
+    def __init__(self, view: LiveView) -> None:
+        super().__init__()
+        self._view = view
+
+    @override
+    def emit(self, record: logging.LogRecord) -> None:
+        fields: dict[str, Any] = getattr(record, "eal", {})
+        level = next(name for least, name in _LEVEL_NAMES if record.levelno >= least)
+        self._view.show_line(level, str(fields.get("robot", "")), record.getMessage())
 
 
 class _ViewerListener:

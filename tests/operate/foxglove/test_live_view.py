@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import math
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import pytest
 from eal_actors import Fleet
 from eal_actors.kernel.clock import REAL_TIME, wall_time
 from eal_actors.kernel.errors import UnavailableError
+from eal_actors.kernel.log import get_logger
 from eal_actors.operate.foxglove import LiveView
 from tests.operate.foxglove.viewer import RECEIVE_S, Viewer
 
@@ -69,6 +71,19 @@ def test_every_channel_has_messages_of_its_schema_and_of_today(tmp_path: Path) -
         assert {entity["frame_id"] for entity in found["/robots"].message["entities"]} == {"r1/base", "r2/base"}
         assert viewer.channels["/tf"]["schemaName"] == "foxglove.FrameTransforms"
         assert viewer.info["capabilities"] == []
+
+
+def test_the_log_is_shown_while_it_is_written(tmp_path: Path) -> None:
+    with fleet_of(tmp_path) as fleet, LiveView(fleet, port=0) as view, Viewer(view.url) as viewer:
+        viewer.subscribe("/log", "/state")
+        get_logger(robot="r1").warning("the battery is low", charge=0.1)
+        for shown in viewer.messages():
+            if shown.topic == "/log":
+                break
+            get_logger(robot="r1").warning("the battery is low", charge=0.1)  # it may not be subscribed yet
+        line = shown.message
+        assert (line["name"], line["level"], line["message"]) == ("r1", 3, "the battery is low robot=r1 charge=0.1")
+    assert not logging.getLogger("eal_actors").handlers
 
 
 def test_a_late_viewer_gets_the_scenes_too(tmp_path: Path) -> None:
