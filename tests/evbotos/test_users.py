@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 
 from eal_actors import Fleet
+from eal_actors.kernel.errors import EALError
 from evbotos.qemu import Machine
-from tests.evbotos.proof import ROBOT, SERVES, Proof, answer, ssh, ssh_words, started, wait_for_words
+from tests.evbotos.proof import ROBOT, SERVES, Proof, answer, ssh, ssh_words, started, wait_for_words, wait_until
 
 STRANGERS = 250
 
@@ -60,7 +61,15 @@ def test_strangers_are_bounded_while_a_controller_is_answered(
 ) -> None:
     monkeypatch.setenv("EVBOT_PORT", str(running.ports["eal"]))
     with Fleet.load(proof.fleet) as fleet, ExitStack() as held:
-        fleet[ROBOT]["Base"].get_status(timeout_s=60).get()
+
+        def is_answered() -> bool:
+            try:
+                fleet[ROBOT]["Base"].get_status(timeout_s=60).get()
+            except EALError:  # a busy emulator takes longer than the handshake may
+                return False
+            return True
+
+        wait_until(running, "the first answered call", is_answered)
         for _ in range(STRANGERS):
             connection = held.enter_context(socket.socket())
             connection.settimeout(60)

@@ -11,11 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from eal_actors.lab.panorama.cylinder import CameraLens, Floats, Image, Mask, project_frame, wrapped_rad
+from eal_actors.lab.panorama.cylinder import Attitude, CameraLens, Floats, Image, Mask, project_frame, wrapped_rad
 
 _MOST_BANDS: Final = 5
 _PAD_BANDS: Final = 2  # reach of the coarsest band beyond a column, in its pixels, as a power of two
-_MOST_RAD: Final = math.radians(80)  # beyond this angle from its axis no frame shows anything
 _SMOOTH_PX: Final = 2.0  # of differences between neighbours, so that noise bends no seam
 _DETOUR: Final = 0.02  # grey levels of difference that a seam accepts for each pixel nearer to the middle
 _OUTSIDE: Final = 1e4  # grey levels for a pixel that one of the two frames does not show
@@ -28,23 +27,19 @@ class PlacedFrame:
     """A placed frame.
 
     Attributes:
-        yaw_rad: yaw of its axis.
-        down_rad: depression of its axis below the horizon.
+        attitude: of the camera.
         gain: factor on its brightness.
     """
 
     frame: Image
     lens: CameraLens
-    yaw_rad: float
-    down_rad: float
+    attitude: Attitude
     gain: float
 
-    def project(self, columns: NDArray[np.int64], canvas: PanoramaCanvas) -> tuple[NDArray[np.int16], Mask]:
-        """Return what the frame shows of columns of a canvas, and the mask of the frame."""
-        yaws_rad = canvas.left_rad - (columns + 0.5) / canvas.px_per_rad
-        right_rad = np.clip(wrapped_rad(self.yaw_rad - yaws_rad), -_MOST_RAD, _MOST_RAD)
-        down_px = np.arange(canvas.top_px, canvas.bottom_px) + 0.5 - self.down_rad * canvas.px_per_rad
-        colours, reaches = project_frame(self.frame, self.lens, right_rad, down_px, canvas.px_per_rad)
+    def project(self, yaws_rad: Floats, down: Floats) -> tuple[NDArray[np.int16], Mask]:
+        """Return what the frame shows at yaws (w,) and tangents of depression (h,), and the mask of the frame."""
+        right_rad = np.clip(wrapped_rad(self.attitude.yaw_rad - yaws_rad), -math.pi / 2, math.pi / 2)
+        colours, reaches = project_frame(self.frame, self.lens, right_rad, down, self.attitude)
         return np.asarray(np.rint(colours * np.float32(self.gain)), np.int16), reaches
 
 
@@ -67,6 +62,15 @@ class PanoramaCanvas:
     px_per_rad: float
     is_closed: bool
 
+    @property
+    def down(self) -> Floats:
+        """Tangent of the depression of each row."""
+        return (np.arange(self.top_px, self.bottom_px) + 0.5) / self.px_per_rad
+
+    def yaws_rad(self, columns: NDArray[np.int64]) -> Floats:
+        """Return the yaw of the centres of columns."""
+        return self.left_rad - (columns + 0.5) / self.px_per_rad
+
     def column(self, yaw_rad: float) -> float:
         """Return the column whose centre has a yaw, from 0 to the width of a full ring."""
         return ((self.left_rad - yaw_rad) % (2 * math.pi)) * self.px_per_rad - 0.5
@@ -75,10 +79,9 @@ class PanoramaCanvas:
 def owners_of(views: Mapping[int, PlacedFrame], columns_rad: Floats) -> Owners:
     """Return the number of the frame whose axis is nearest to each yaw (w,); -1 outside of all frames."""
     numbers = np.array(sorted(views))
-    off_rad = np.array([np.abs(wrapped_rad(views[number].yaw_rad - columns_rad)) for number in numbers])
+    off_rad = np.array([np.abs(wrapped_rad(views[number].attitude.yaw_rad - columns_rad)) for number in numbers])
     nearest = off_rad.argmin(axis=0)
-    half_rad = views[int(numbers[0])].lens.field_of_view_rad / 2
-    reached = off_rad.min(axis=0) <= half_rad
+    reached = off_rad.min(axis=0) <= views[int(numbers[0])].lens.half_view_rad
     return np.where(reached, numbers[nearest], -1)
 
 
@@ -88,12 +91,17 @@ def common_rows(
     """Return the first row, from the horizon down, and the row after the last one, that all columns' frames reach."""
     top, bottom = -math.inf, math.inf
     for number, view in views.items():
-        off_rad = np.abs(wrapped_rad(view.yaw_rad - columns_rad[owners == number]))
-        if off_rad.size:
-            half_px = view.lens.height / 2 * math.cos(float(off_rad.max())) * px_per_rad / view.lens.focal_px
-            middle_px = view.down_rad * px_per_rad
-            top, bottom = max(top, middle_px - half_px), min(bottom, middle_px + half_px)
-    return math.ceil(top), math.floor(bottom)
+        own_rad = columns_rad[owners == number]
+        if own_rad.size:
+            right_rad = wrapped_rad(view.attitude.yaw_rad - own_rad)
+            most_px = int(2 * view.lens.height * px_per_rad / view.lens.focal_px)
+            rows = np.arange(-most_px, most_px)
+            down = ((rows + 0.5) / px_per_rad)[:, np.newaxis]
+            x, _, reaches = view.lens.pixels(right_rad, down, view.attitude)
+            middle = np.abs(x - (view.lens.width - 1) / 2) <= view.lens.width / 2  # the sides of the frame do not count
+            seen = rows[(reaches | ~middle).all(axis=1) & reaches.any(axis=1)]
+            top, bottom = (max(top, seen[0]), min(bottom, seen[-1] + 1)) if seen.size else (math.inf, -math.inf)
+    return (int(top), int(bottom)) if top < bottom else (0, 0)
 
 
 def find_seams(
@@ -101,8 +109,8 @@ def find_seams(
 ) -> Owners:
     """Return the number of the frame that provides each pixel, (height, width).
 
-    Between two neighbours the seam takes the way on which they differ least, so that something that moved is shown by
-    one of them and not by half of each.
+    Between two neighbours the seam takes the way on which they differ least, so that something that moved or stands
+    near is shown by one of them and not by half of each.
 
     Args:
         views: the placed frames, by number.
@@ -113,12 +121,13 @@ def find_seams(
     found = np.tile(owners, (canvas.bottom_px - canvas.top_px, 1))
     pairs = list(zip(order, [*order[1:], order[0]], strict=True))
     for left, right in pairs if canvas.is_closed else pairs[:-1]:
-        first, end = canvas.column(views[left].yaw_rad), canvas.column(views[right].yaw_rad)
+        first, end = canvas.column(views[left].attitude.yaw_rad), canvas.column(views[right].attitude.yaw_rad)
         if end < first:
             end += 2 * math.pi * canvas.px_per_rad
         columns = np.arange(math.ceil(first), math.floor(end) + 1)
-        one, one_reaches = views[left].project(columns, canvas)
-        other, other_reaches = views[right].project(columns, canvas)
+        yaws_rad = canvas.yaws_rad(columns)
+        one, one_reaches = views[left].project(yaws_rad, canvas.down)
+        other, other_reaches = views[right].project(yaws_rad, canvas.down)
         both = one_reaches & other_reaches
         own = columns % canvas.width
         if not both.any() or (owners[own] < 0).any():
@@ -167,14 +176,15 @@ def blend(views: Mapping[int, PlacedFrame], owners: Owners, canvas: PanoramaCanv
             owned = owners[:, columns % canvas.width] == number
             if owned.any():
                 mask = np.ascontiguousarray(np.where(owned, 255, 0).astype(np.uint8))
-                blender.feed(view.project(columns, canvas)[0], mask, (int(columns[0]), 0))
+                colours, _ = view.project(canvas.yaws_rad(columns), canvas.down)
+                blender.feed(colours, mask, (int(columns[0]), 0))
     blended, _ = blender.blend(None, None)  # type: ignore[call-overload]  # the stub lacks the form that allocates both results
     return np.ascontiguousarray(blended[:height, pad : pad + canvas.width].clip(0, 255).astype(np.uint8))
 
 
 def _reached_columns(view: PlacedFrame, canvas: PanoramaCanvas, pad: int) -> list[NDArray[np.int64]]:
     """Return the columns of the padded canvas that a frame reaches, for each lap round the ring."""
-    middle, half = canvas.column(view.yaw_rad), view.lens.field_of_view_rad / 2 * canvas.px_per_rad
+    middle, half = canvas.column(view.attitude.yaw_rad), view.lens.half_view_rad * canvas.px_per_rad
     ring = 2 * math.pi * canvas.px_per_rad
     found = []
     for lap in (-1, 0, 1):
@@ -187,9 +197,9 @@ def _reached_columns(view: PlacedFrame, canvas: PanoramaCanvas, pad: int) -> lis
 
 def _bands(views: Mapping[int, PlacedFrame], canvas: PanoramaCanvas) -> int:
     """Return the number of bands; the coarsest band must not reach beyond the overlaps of the frames."""
-    ordered = np.sort([canvas.column(view.yaw_rad) for view in views.values()])
+    ordered = np.sort([canvas.column(view.attitude.yaw_rad) for view in views.values()])
     turns = np.diff(ordered, append=ordered[0] + 2 * math.pi * canvas.px_per_rad)
-    reach = min(view.lens.field_of_view_rad for view in views.values()) * canvas.px_per_rad
+    reach = min(2 * view.lens.half_view_rad for view in views.values()) * canvas.px_per_rad
     overlaps = [reach - turn for turn in turns if turn < reach]
     narrowest = min([*overlaps, canvas.bottom_px - canvas.top_px])
     return int(np.clip(math.log2(max(narrowest, 2)) - 1, 1, _MOST_BANDS))

@@ -6,8 +6,8 @@ The columns of the cylinder are equidistant in yaw. On it, the image of a turned
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any, Final, Literal, TypeAlias
+from dataclasses import dataclass, replace
+from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
 import cv2
 import numpy as np
@@ -24,6 +24,8 @@ WINDOW_RAD: Final = math.radians(12)
 """Largest error of odometry about the turn between two frames."""
 TILT_RAD: Final = math.radians(3)
 """Largest difference in elevation between two frames."""
+_UNDISTORT_STEPS: Final = 8
+_LEAST_FORWARD: Final = 0.05
 
 
 def wrapped_rad(angle_rad: Any) -> Any:
@@ -31,46 +33,119 @@ def wrapped_rad(angle_rad: Any) -> Any:
     return (angle_rad + math.pi) % (2 * math.pi) - math.pi
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Shift:
     """Offset of a second frame's axis from that of a first frame, measured from their pictures.
 
     Attributes:
         right_px: offset to the right, in pixels of the cylinder.
-        down_px: offset down.
+        first_px: points of the first frame's patch, from its centre to the right and down, (n, 2).
+        second_px: the same points in the second frame's patch, (n, 2).
         how: the method of measurement.
-        sigma_px: estimated standard error.
+        sigma_px: estimated standard error of a point.
     """
 
     right_px: float
-    down_px: float
+    first_px: Floats
+    second_px: Floats
     how: PlacedBy
     sigma_px: float
 
 
+class Attitude(NamedTuple):
+    """Direction of a camera.
+
+    Attributes:
+        yaw_rad: yaw of its axis, counter-clockwise.
+        down_rad: depression of its axis below the horizon.
+        roll_rad: rotation about its axis, clockwise.
+    """
+
+    yaw_rad: float
+    down_rad: float = 0.0
+    roll_rad: float = 0.0
+
+
+LEVEL: Final = Attitude(0.0)
+
+
 @dataclass(frozen=True, slots=True)
 class CameraLens:
-    """A pinhole camera with square pixels and its axis through the centre of the frame.
+    """A camera with square pixels and its axis through the centre of the frame.
 
     Attributes:
         width: width of the frame, in pixels.
         height: height of the frame, in pixels.
-        field_of_view_rad: angle between the left and the right edge of the frame, under pi.
+        field_of_view_rad: angle between the left and the right edge of the frame without distortion, under pi.
+        k1: radial distortion as OpenCV defines it: at r focal lengths from the axis it multiplies r by 1 + k1 r^2.
     """
 
     width: int
     height: int
     field_of_view_rad: float
+    k1: float = 0.0
 
     @classmethod
     def of(cls, frame: Image, field_of_view_rad: float) -> CameraLens:
-        """Return the lens of a frame."""
+        """Return a lens without distortion for a frame."""
         return cls(frame.shape[1], frame.shape[0], field_of_view_rad)
+
+    def scaled(self, width: int, height: int) -> CameraLens:
+        """Return the lens for frames of another size."""
+        return replace(self, width=width, height=height)
 
     @property
     def focal_px(self) -> float:
         """Focal length in pixels."""
         return self.width / 2 / math.tan(self.field_of_view_rad / 2)
+
+    @property
+    def half_view_rad(self) -> float:
+        """Angle between the axis and the left or right edge of the frame."""
+        return float(self.rays(np.array([[self.width / 2, 0.0]]))[0][0])
+
+    def rays(self, pixels: Floats, down_rad: Any = 0.0, roll_rad: Any = 0.0) -> tuple[Floats, Floats]:
+        """Return the angle of pixels to the right of the camera's yaw, and the tangent of their depression, (n,) each.
+
+        Args:
+            pixels: offsets from the centre of the frame to the right and down, (n, 2).
+            down_rad: depression of the camera, one or (n,).
+            roll_rad: its roll, one or (n,).
+        """
+        far_x, far_y = pixels[:, 0] / self.focal_px, pixels[:, 1] / self.focal_px
+        x, y = far_x, far_y
+        for _ in range(_UNDISTORT_STEPS if self.k1 else 0):
+            scale = 1 + self.k1 * (x * x + y * y)
+            x, y = far_x / scale, far_y / scale
+        cos, sin = np.cos(roll_rad), np.sin(roll_rad)
+        x, y = cos * x - sin * y, sin * x + cos * y
+        cos, sin = np.cos(down_rad), np.sin(down_rad)
+        forward, down = cos - sin * y, sin + cos * y
+        return np.arctan2(x, forward), down / np.hypot(forward, x)
+
+    def pixels(self, right_rad: Floats, down: Floats, attitude: Attitude = LEVEL) -> tuple[Floats, Floats, Mask]:
+        """Return the pixels in which the camera sees directions, the inverse of `rays`.
+
+        Args:
+            right_rad: angles to the right of the camera's yaw, less than a quarter turn.
+            down: tangents of the depression, of a shape that goes with that of the angles.
+            attitude: of the camera; its yaw does not count.
+
+        Returns:
+            Columns and rows of the frame, and whether they are in it.
+        """
+        ahead, x, below = np.cos(right_rad), np.sin(right_rad), down
+        cos, sin = math.cos(attitude.down_rad), math.sin(attitude.down_rad)
+        forward, y = np.maximum(cos * ahead + sin * below, _LEAST_FORWARD), cos * below - sin * ahead
+        x, y = x / forward, y / forward
+        cos, sin = math.cos(attitude.roll_rad), math.sin(attitude.roll_rad)
+        x, y = cos * x + sin * y, cos * y - sin * x
+        square = x * x + y * y
+        is_seen = (1 + 3 * self.k1 * square > 0) & (forward > _LEAST_FORWARD)  # beyond, the distortion turns back
+        scale = self.focal_px * (1 + self.k1 * square)
+        x, y = scale * x, scale * y
+        is_seen = is_seen & (np.abs(x) <= self.width / 2) & (np.abs(y) <= self.height / 2)
+        return x + (self.width - 1) / 2, y + (self.height - 1) / 2, is_seen
 
 
 def scaled_down(frame: Image, width: int) -> Image:
@@ -82,27 +157,23 @@ def scaled_down(frame: Image, width: int) -> Image:
 
 
 def project_frame(
-    frame: Image, lens: CameraLens, right_rad: Floats, down_px: Floats, px_per_rad: float
+    frame: Image, lens: CameraLens, right_rad: Floats, down: Floats, attitude: Attitude = LEVEL
 ) -> tuple[Image, Mask]:
     """Project a frame onto the cylinder.
 
     Args:
         frame: the camera's frame.
         lens: its lens.
-        right_rad: angle of each column to the right of the camera's axis, (w,), less than a quarter turn.
-        down_px: distance of each row below the horizon, in pixels of the cylinder, (h,).
-        px_per_rad: pixels of the cylinder per radian, round it and (at the horizon) along it.
+        right_rad: angle of each column to the right of the camera's yaw, (w,), less than a quarter turn.
+        down: tangent of the depression of each row, (h,).
+        attitude: of the camera; its yaw does not count.
 
     Returns:
         The image (h, w, 3), which repeats the frame's edge outside of the frame; and the mask of the frame, (h, w).
     """
-    x = (lens.width - 1) / 2 + lens.focal_px * np.tan(right_rad)
-    y = (lens.height - 1) / 2 + np.outer(down_px, lens.focal_px / px_per_rad / np.cos(right_rad))
-    map_x = np.ascontiguousarray(np.broadcast_to(x, y.shape), np.float32)
-    image = cv2.remap(frame, map_x, y.astype(np.float32), cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE)
-    reaches = (np.abs(x - (lens.width - 1) / 2) <= lens.width / 2) & (
-        np.abs(y - (lens.height - 1) / 2) <= lens.height / 2
-    )
+    x, y, reaches = lens.pixels(right_rad, down[:, np.newaxis], attitude)
+    maps = x.astype(np.float32), y.astype(np.float32)
+    image = cv2.remap(frame, *maps, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(image, np.uint8), reaches
 
 
@@ -129,13 +200,13 @@ class Patch:
         return (width - 1) / 2, (height - 1) / 2
 
 
-def patch_of(frame: Image, field_of_view_rad: float, px_per_rad: float) -> Patch:
-    """Return the whole frame, projected."""
-    lens = CameraLens.of(frame, field_of_view_rad)
-    width = int(field_of_view_rad * px_per_rad)
-    height = round(lens.height * px_per_rad / lens.focal_px)
+def patch_of(frame: Image, lens: CameraLens) -> Patch:
+    """Return the whole frame, projected with as many pixels per radian as it has about its axis."""
+    px_per_rad = lens.focal_px
+    width = int(2 * lens.half_view_rad * px_per_rad)
+    height = lens.height
     right_rad = (np.arange(width) - (width - 1) / 2) / px_per_rad
-    down_px = np.arange(height) - (height - 1) / 2
-    colours, reaches = project_frame(frame, lens, right_rad, down_px, px_per_rad)
+    down = (np.arange(height) - (height - 1) / 2) / px_per_rad
+    colours, reaches = project_frame(frame, lens, right_rad, down)
     grey: NDArray[Any] = cv2.cvtColor(colours, cv2.COLOR_RGB2GRAY)
     return Patch(np.asarray(grey, np.uint8), reaches, colours, px_per_rad)

@@ -15,6 +15,9 @@ _MOST: Final = 1500
 _CONTRAST: Final = 0.02  # half of the usual threshold of SIFT: walls of rooms have little contrast
 _RATIO: Final = 0.85
 _SAME_RAD: Final = 0.003  # largest difference between pairs that agree
+_ALIKE_RAD: Final = 0.03  # the same for a lens that is not known yet
+_SIGMA_PX: Final = 0.2
+_ENOUGH: Final = 150  # points of a pair of frames
 _FEWEST: Final = 8
 _LEAST_SHARE: Final = 0.2
 _RIVAL_SHARE: Final = 0.6
@@ -66,9 +69,11 @@ def shift_by_features(
     window_px = window_rad * px_per_rad
     first = _within_reach(first, second, expected_px, window_px)
     second = _within_reach(second, first, -expected_px, window_px)
-    pairs = _pairs(first, second, expected_px, window_px, TILT_RAD * px_per_rad)
-    if len(pairs) < _FEWEST:
+    kept, partner = _matches(first, second, expected_px, window_px, TILT_RAD * px_per_rad)
+    if len(kept) < _FEWEST:
         return None
+    first_px, second_px = first.places[kept], second.places[partner]
+    pairs = first_px - second_px
     same_px = max(1.5, _SAME_RAD * px_per_rad)
     agree = np.linalg.norm(pairs[:, np.newaxis] - pairs, axis=2) <= same_px
     votes = agree.sum(axis=1)
@@ -77,9 +82,10 @@ def shift_by_features(
     rival = int(votes[is_far].max(initial=0))
     if votes[best] < max(_FEWEST, _LEAST_SHARE * len(pairs)) or rival > _RIVAL_SHARE * votes[best]:
         return None
-    agreeing = pairs[agree[best]]
-    right_px, down_px = agreeing.mean(axis=0)
-    return Shift(float(right_px), float(down_px), "features", 1.0 / len(agreeing) ** 0.5)
+    alike = np.flatnonzero(np.linalg.norm(pairs - pairs[best], axis=1) <= max(1.5, _ALIKE_RAD * px_per_rad))
+    alike = alike[:: 1 + len(alike) // _ENOUGH]
+    right_px = float(pairs[agree[best], 0].mean())
+    return Shift(right_px, first_px[alike], second_px[alike], "features", _SIGMA_PX)
 
 
 def _within_reach(features: Features, others: Features, expected_px: float, window_px: float) -> Features:
@@ -91,13 +97,15 @@ def _within_reach(features: Features, others: Features, expected_px: float, wind
     return Features(features.places[kept], features.looks[kept])
 
 
-def _pairs(first: Features, second: Features, expected_px: float, window_px: float, tilt_px: float) -> Array:
-    """Return the shift of each matching pair of features, (n, 2).
+def _matches(
+    first: Features, second: Features, expected_px: float, window_px: float, tilt_px: float
+) -> tuple[Array, Array]:
+    """Return the numbers of the matching features of both frames, (n,) each.
 
     Only pairs that odometry allows are compared, so that an identical tile a metre away does no harm.
     """
     if not len(first.places) or not len(second.places):
-        return np.empty((0, 2))
+        return np.empty(0, int), np.empty(0, int)
     right_px = first.places[:, np.newaxis, 0] - second.places[:, 0]
     down_px = first.places[:, np.newaxis, 1] - second.places[:, 1]
     is_allowed = np.abs(right_px - expected_px) <= window_px
@@ -112,4 +120,4 @@ def _pairs(first: Features, second: Features, expected_px: float, window_px: flo
     others[is_near] = np.inf  # one place may have several features of different orientation
     is_clear = nearest < _RATIO * np.minimum(others.min(axis=1), 1.2)
     kept = np.flatnonzero(is_mutual & is_clear & np.isfinite(nearest))
-    return np.column_stack((right_px[kept, partner[kept]], down_px[kept, partner[kept]]))
+    return kept, partner[kept]

@@ -23,6 +23,9 @@ that of the best.
 Dissimilarity is 1 - correlation. It decides in a bare room, where the long edge of the floor makes every shift look
 similar, but only one fits exactly. Repeating patterns and edges along the shift have rivals.
 """
+_POINTS: Final = 5
+_POINTS_REACH: Final = 0.3  # share of the height
+_SIGMA_PX: Final = 1.0
 _PEAK_RAD: Final = math.radians(0.8)  # half width of a peak
 _LEAST_OVERLAP_RAD: Final = math.radians(3)
 _STRUCTURE: Final = 2.0  # gradients above noise, in grey levels per pixel (root mean square): the picture has structure
@@ -93,7 +96,15 @@ def compare_gradients(first: Gradients, second: Gradients, expected_px: float, p
     down_px = 0.0  # as for a level camera, if only vertical edges fix the shift
     if _is_clear(scores[:, column], row, reach):
         down_px = float(downs_px[row]) + _peak_offset(scores[row - 1 : row + 2, column])
-    return Comparison(Shift(right_px, down_px, "gradients", 1.0), contradicts=False)
+    return Comparison(_shift_of(right_px, down_px, first.reaches.shape[0]), contradicts=False)
+
+
+def _shift_of(right_px: float, down_px: float, height: int) -> Shift:
+    """Return a shift as points half way between the axes, from the upper part of the frames to the lower one."""
+    rows_px = np.linspace(-_POINTS_REACH, _POINTS_REACH, _POINTS) * height
+    half_px = np.full(_POINTS, right_px / 2)
+    first_px = np.column_stack((half_px, rows_px + down_px / 2))
+    return Shift(right_px, first_px, np.column_stack((-half_px, rows_px - down_px / 2)), "gradients", _SIGMA_PX)
 
 
 def _correlations(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,8 +12,10 @@ from typing import Final
 import cv2
 import numpy as np
 
+from eal_actors.lab.panorama.adjustment import adjust_bundle
 from eal_actors.lab.panorama.cylinder import (
     WINDOW_RAD,
+    Attitude,
     CameraLens,
     Floats,
     Image,
@@ -24,8 +27,10 @@ from eal_actors.lab.panorama.cylinder import (
 )
 from eal_actors.lab.panorama.features import Features, find_features, shift_by_features
 from eal_actors.lab.panorama.gradients import Comparison, Gradients, compare_gradients, gradients_of
-from eal_actors.lab.panorama.ring import Links, Ring, closing_error_rad, ring_of, solve_directions
+from eal_actors.lab.panorama.ring import Links, Ring, closing_error_rad, ring_of
 
+_MOST_PASSES: Final = 2
+_SAME_LENS_PX: Final = 0.5
 _COMPARED_WIDTH: Final = 800  # largest width for comparisons, in pixels
 _BLANK: Final = 2.0  # standard deviation of grey levels up to which a picture counts as blank
 _UNLIKE: Final = 16.0  # difference in grey levels from which a blank frame contradicts its neighbour in their overlap
@@ -41,14 +46,16 @@ class FramePlacement:
     """Directions of the frames.
 
     Attributes:
-        places: yaw and depression of the axis, in radians, of each placed frame.
+        lens: the camera's lens, as the frames determine it.
+        places: attitude of the camera at each placed frame.
         how: source of each placed frame's direction.
         unplaced: why the other frames were not placed.
         closing_error_rad: sum of the turns minus a full turn; None if unknown.
         patches: the placed frames, projected for comparison.
     """
 
-    places: Mapping[int, tuple[float, float]]
+    lens: CameraLens
+    places: Mapping[int, Attitude]
     how: Mapping[int, PlacedBy]
     unplaced: Mapping[int, str]
     closing_error_rad: float | None
@@ -56,9 +63,9 @@ class FramePlacement:
 
 
 def place_frames(
-    frames: Mapping[int, Image], yaws_rad: Sequence[float], field_of_view_rad: float, names: Sequence[str]
+    frames: Mapping[int, Image], yaws_rad: Sequence[float], lens: CameraLens, names: Sequence[str]
 ) -> FramePlacement:
-    """Determine the direction of each frame.
+    """Determine the lens and the direction of each frame.
 
     A frame keeps its yaw by odometry if its overlaps have no usable structure. A frame that contradicts all of its
     neighbours is left out.
@@ -66,13 +73,33 @@ def place_frames(
     Args:
         frames: frames of one size, by number.
         yaws_rad: yaw of each frame by odometry, in the order of the numbers.
-        field_of_view_rad: field of view of each frame.
+        lens: the lens of the frames, as far as it is known.
         names: names of the frames in messages.
     """
-    views = {number: _ComparedFrame(frame, field_of_view_rad) for number, frame in frames.items()}
+    placement = _place(frames, yaws_rad, lens, names)
+    for _ in range(_MOST_PASSES):
+        if _apart_px(placement.lens, lens) < _SAME_LENS_PX:
+            break
+        lens = placement.lens  # frames that are projected by a better lens show more of their overlaps
+        placement = _place(frames, yaws_rad, lens, names)
+    return placement
+
+
+def _apart_px(lens: CameraLens, other: CameraLens) -> float:
+    """Return how far apart two lenses see the corners of the frame, in pixels."""
+    corners = np.array([[x * lens.width / 2, y * lens.height / 2] for x in (-1, 1) for y in (-1, 1)])
+    return float(np.abs(np.subtract(lens.rays(corners), other.rays(corners))).max()) * lens.focal_px
+
+
+def _place(
+    frames: Mapping[int, Image], yaws_rad: Sequence[float], lens: CameraLens, names: Sequence[str]
+) -> FramePlacement:
+    views = {number: _ComparedFrame(frame, lens) for number, frame in frames.items()}
     if all(view.is_blank for view in views.values()):
-        return FramePlacement({}, {}, dict.fromkeys(frames, "is blank, as all frames are"), None, {})
+        return FramePlacement(lens, {}, {}, dict.fromkeys(frames, "is blank, as all frames are"), None, {})
+    field_of_view_rad = 2 * lens.half_view_rad
     unplaced = _frozen(frames, yaws_rad, names)
+    yaws_rad = _believable(views, yaws_rad, unplaced, field_of_view_rad)
     compared: dict[tuple[int, int], Comparison] = {}
     while left := {number: yaws_rad[number] for number in frames if number not in unplaced}:
         ring = ring_of(left, field_of_view_rad)
@@ -84,17 +111,17 @@ def place_frames(
         outliers = _find_outliers(pairs, compared)
         if not outliers:
             links = {pair: shift for pair in pairs if (shift := compared[pair].shift) is not None}
-            return _solve(left, ring, links, unplaced, views)
+            return _solve(left, ring, links, unplaced, views, lens)
         unplaced |= {number: _reason(number, outliers[number], views, yaws_rad, names) for number in sorted(outliers)}
-    return FramePlacement({}, {}, unplaced, None, {})
+    return FramePlacement(lens, {}, {}, unplaced, None, {})
 
 
 class _ComparedFrame:
     """A frame for comparisons; features and gradients are computed lazily."""
 
-    def __init__(self, frame: Image, field_of_view_rad: float) -> None:
+    def __init__(self, frame: Image, lens: CameraLens) -> None:
         small = scaled_down(frame, _COMPARED_WIDTH)
-        self.patch: Final = patch_of(small, field_of_view_rad, CameraLens.of(small, field_of_view_rad).focal_px)
+        self.patch: Final = patch_of(small, lens.scaled(small.shape[1], small.shape[0]))
         self.is_blank: Final = float(self.patch.grey[self.patch.reaches].std()) <= _BLANK
         self._features: Features | None = None
         self._gradients: Gradients | None = None
@@ -125,6 +152,29 @@ def _frozen(frames: Mapping[int, Image], yaws_rad: Sequence[float], names: Seque
                 f"{math.degrees(turned_rad):.0f} degrees: did it freeze?"
             )
     return copies
+
+
+def _believable(
+    views: Mapping[int, _ComparedFrame], yaws_rad: Sequence[float], unplaced: Mapping[int, str], view_rad: float
+) -> Sequence[float]:
+    """Return the yaws by odometry; or by the pictures, if each fits the one before it but at quite another turn.
+
+    A step that was mistyped, or odometry of the wrong scale, must not make the frames strangers to one another.
+    """
+    numbers = [number for number in sorted(views) if number not in unplaced]
+    found = dict(enumerate(yaws_rad))
+    is_overruled = False
+    for before, after in itertools.pairwise(numbers):
+        one, other = views[before], views[after]
+        turn_rad = wrapped_rad(yaws_rad[before] - yaws_rad[after])
+        if _compare(one, other, turn_rad).shift is None:
+            px_per_rad = one.patch.px_per_rad
+            shift = shift_by_features(one.features, other.features, 0.0, px_per_rad, window_rad=view_rad)
+            if shift is None:
+                return yaws_rad
+            turn_rad, is_overruled = shift.right_px / px_per_rad, True
+        found[after] = found[before] - turn_rad
+    return [found[number] for number in range(len(yaws_rad))] if is_overruled else yaws_rad
 
 
 def _compare(first: _ComparedFrame, second: _ComparedFrame, expected_rad: float) -> Comparison:
@@ -204,14 +254,19 @@ def _solve(
     links: Links,
     unplaced: Mapping[int, str],
     views: Mapping[int, _ComparedFrame],
+    lens: CameraLens,
 ) -> FramePlacement:
     px_per_rad = next(iter(views.values())).patch.px_per_rad
-    places = solve_directions(yaws_rad, ring, links, px_per_rad)
+    compared = lens.scaled(
+        round(lens.width * px_per_rad / lens.focal_px), round(lens.height * px_per_rad / lens.focal_px)
+    )
+    found, places = adjust_bundle(compared, yaws_rad, ring, links)
     sources: dict[int, PlacedBy] = dict.fromkeys(sorted(yaws_rad), "odometry only")
     for method in ("gradients", "features"):
         sources |= {number: shift.how for pair, shift in links.items() if shift.how == method for number in pair}
     patches = {number: views[number].patch for number in sources}
-    return FramePlacement(places, sources, unplaced, closing_error_rad(ring, links, px_per_rad), patches)
+    lens = found.scaled(lens.width, lens.height)
+    return FramePlacement(lens, places, sources, unplaced, closing_error_rad(ring, links, px_per_rad), patches)
 
 
 def gains_of(placing: FramePlacement) -> dict[int, float]:
@@ -239,11 +294,11 @@ def gains_of(placing: FramePlacement) -> dict[int, float]:
 
 
 def _typical_levels(
-    patches: Mapping[int, Patch], places: Mapping[int, tuple[float, float]], one: int, other: int
+    patches: Mapping[int, Patch], places: Mapping[int, Attitude], one: int, other: int
 ) -> tuple[float, float] | None:
     """Return the typical grey level of each frame in their overlap; None if the overlap is too small."""
     first, second = patches[one], patches[other]
-    right_px = round(wrapped_rad(places[one][0] - places[other][0]) * first.px_per_rad)
+    right_px = round(wrapped_rad(places[one].yaw_rad - places[other].yaw_rad) * first.px_per_rad)
     if abs(right_px) >= first.grey.shape[1]:
         return None
     of_first, of_second, common = _overlap(first, second, right_px)

@@ -1,4 +1,4 @@
-"""Order of the frames round the ring, and their directions by least squares over all measured shifts."""
+"""Order of the frames round the ring."""
 
 from __future__ import annotations
 
@@ -7,14 +7,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, TypeVar
 
-import numpy as np
-
-from eal_actors.lab.panorama.cylinder import Floats, Shift, wrapped_rad
+from eal_actors.lab.panorama.cylinder import Shift
 
 _T = TypeVar("_T")
 
-_ODOMETRY_SIGMA_RAD: Final = math.radians(3)
-"""Assumed error of odometry for one turn: large enough that pictures always outweigh it."""
 _AFTER: Final = 3  # number of following frames that each frame is compared with
 
 Links = Mapping[tuple[int, int], Shift]
@@ -68,44 +64,6 @@ def ring_of(yaws_rad: Mapping[int, float], field_of_view_rad: float) -> Ring:
         first = order.index(min(order))
         return Ring(_rotated(order, first), _rotated(turns_rad, first), is_closed=True)
     return Ring(_rotated(order, widest + 1), _rotated(turns_rad, widest + 1), is_closed=False)
-
-
-def solve_directions(
-    yaws_rad: Mapping[int, float], ring: Ring, links: Links, px_per_rad: float
-) -> dict[int, tuple[float, float]]:
-    """Return the direction of each frame: its yaw, and the depression of its axis, both in radians.
-
-    Least squares over shifts and odometry. Round a closed ring the turns must add up to a full turn: the closing error
-    is distributed by the uncertainty of each turn.
-
-    Args:
-        yaws_rad: yaw of each frame by odometry, by its number.
-        ring: their order.
-        links: their measured shifts.
-        px_per_rad: pixels of the cylinder per radian.
-    """
-    rows: list[Floats] = []
-    targets: list[tuple[float, float]] = []
-    place = {number: index for index, number in enumerate(ring.order)}
-
-    def add_equation(first: int, second: int, weight: float, left_over_rad: float, down_rad: float) -> None:
-        row = np.zeros(len(place))
-        row[place[second]] += weight
-        row[place[first]] -= weight
-        rows.append(row)
-        targets.append((left_over_rad * weight, down_rad * weight))
-
-    for first, second, _ in ring.neighbours():
-        if first != second:
-            add_equation(first, second, 1 / _ODOMETRY_SIGMA_RAD, 0.0, 0.0)
-    for (first, second), shift in links.items():
-        expected_rad = wrapped_rad(yaws_rad[first] - yaws_rad[second])
-        left_over_rad = wrapped_rad(expected_rad - shift.right_px / px_per_rad)
-        add_equation(first, second, px_per_rad / shift.sigma_px, left_over_rad, shift.down_px / px_per_rad)
-    rows.append(np.ones(len(place)))  # the mean correction is 0: odometry fixes the absolute yaw
-    targets.append((0.0, 0.0))
-    corrections, *_ = np.linalg.lstsq(np.array(rows), np.array(targets), rcond=None)
-    return {number: (yaws_rad[number] + corrections[i, 0], corrections[i, 1]) for number, i in place.items()}
 
 
 def closing_error_rad(ring: Ring, links: Links, px_per_rad: float) -> float | None:

@@ -49,6 +49,7 @@ class Panorama:
         placed: source of each placed frame's direction, by its number from 0.
         unplaced: why the other frames were not placed, by number.
         gains: brightness gain of each placed frame.
+        lens: the camera's lens, as the frames determine it.
         closing_error_rad: sum of the turns by pictures minus a full turn, before its distribution round the ring; a
             large value means a wrong field of view. None if unknown, for example for an open ring.
     """
@@ -63,6 +64,7 @@ class Panorama:
     placed: Mapping[int, PlacedBy]
     unplaced: Mapping[int, str]
     gains: Mapping[int, float]
+    lens: CameraLens
     closing_error_rad: float | None
 
 
@@ -94,12 +96,13 @@ def stitch(
     _validate(frames, yaws_rad, field_of_view_rad, names)
     usable, odd = _equalise_sizes(frames, field_of_view_rad)
     _check_steps({number: yaws_rad[number] for number in usable}, field_of_view_rad)
-    placement = place_frames(usable, yaws_rad, field_of_view_rad, names)
+    lens = CameraLens.of(next(iter(usable.values())), field_of_view_rad)
+    placement = place_frames(usable, yaws_rad, lens, names)
     unplaced = dict(sorted({**odd, **placement.unplaced}.items()))
     if len(placement.places) < 2:
         reasons = "".join(f"\n  {names[number]} {reason}" for number, reason in unplaced.items())
         raise ArgumentError(f"no two of the {len(frames)} frames fit together:{reasons}")
-    return _render(usable, placement, unplaced, len(frames), field_of_view_rad)
+    return _render(usable, placement, unplaced, len(frames))
 
 
 def _validate(
@@ -167,19 +170,16 @@ def _check_steps(yaws_rad: Mapping[int, float], field_of_view_rad: float) -> Non
 
 
 def _render(
-    frames: Mapping[int, Image],
-    placement: FramePlacement,
-    unplaced: Mapping[int, str],
-    count: int,
-    field_of_view_rad: float,
+    frames: Mapping[int, Image], placement: FramePlacement, unplaced: Mapping[int, str], count: int
 ) -> Panorama:
-    gains = gains_of(placement)
-    views = {}
-    for number, (yaw_rad, down_rad) in placement.places.items():
-        lens = CameraLens.of(frames[number], field_of_view_rad)
-        views[number] = PlacedFrame(frames[number], lens, yaw_rad, down_rad, gains[number])
-    ring = ring_of({number: view.yaw_rad for number, view in views.items()}, field_of_view_rad)
-    canvas, owners = _canvas(views, ring, field_of_view_rad)
+    gains, lens = gains_of(placement), placement.lens
+    views = {
+        number: PlacedFrame(frames[number], lens, attitude, gains[number])
+        for number, attitude in placement.places.items()
+    }
+    yaws_rad = {number: attitude.yaw_rad for number, attitude in placement.places.items()}
+    ring = ring_of(yaws_rad, 2 * lens.half_view_rad)
+    canvas, owners = _canvas(views, ring, lens)
     return Panorama(
         image=blend(views, find_seams(views, ring.order, owners, canvas), canvas),
         left_yaw_rad=canvas.left_rad,
@@ -187,25 +187,26 @@ def _render(
         horizon_px=-float(canvas.top_px),
         is_full=canvas.is_closed,
         missing_rad=float((owners < 0).sum()) / canvas.px_per_rad,
-        yaws_rad=tuple(placement.places[number][0] if number in placement.places else None for number in range(count)),
+        yaws_rad=tuple(yaws_rad.get(number) for number in range(count)),
         placed=placement.how,
         unplaced=unplaced,
         gains=gains,
+        lens=lens,
         closing_error_rad=placement.closing_error_rad,
     )
 
 
-def _canvas(views: Mapping[int, PlacedFrame], ring: Ring, field_of_view_rad: float) -> tuple[PanoramaCanvas, Owners]:
+def _canvas(views: Mapping[int, PlacedFrame], ring: Ring, lens: CameraLens) -> tuple[PanoramaCanvas, Owners]:
     """Return the canvas, and the frame nearest to each of its columns."""
-    focal_px = views[ring.order[0]].lens.focal_px
+    first_rad = views[ring.order[0]].attitude.yaw_rad
     if ring.is_closed:
-        width = round(2 * math.pi * focal_px)
+        width = round(2 * math.pi * lens.focal_px)
         px_per_rad = width / (2 * math.pi)
-        left_rad = views[ring.order[0]].yaw_rad + math.pi
+        left_rad = first_rad + math.pi
     else:
-        px_per_rad = focal_px
-        width = int((math.fsum(ring.turns_rad[:-1]) + field_of_view_rad) * px_per_rad)
-        left_rad = views[ring.order[0]].yaw_rad + field_of_view_rad / 2
+        px_per_rad = lens.focal_px
+        width = int((math.fsum(ring.turns_rad[:-1]) + 2 * lens.half_view_rad) * px_per_rad)
+        left_rad = first_rad + lens.half_view_rad
     columns_rad = left_rad - (np.arange(width) + 0.5) / px_per_rad
     owners = owners_of(views, columns_rad)
     top_px, bottom_px = common_rows(views, columns_rad, owners, px_per_rad)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from eal_actors.device.world import load_world
 from eal_actors.lab.panorama import Panorama, stitching
-from eal_actors.lab.panorama.cylinder import wrapped_rad
+from eal_actors.lab.panorama.cylinder import Attitude, CameraLens, wrapped_rad
 from eal_actors.lab.panorama.placement import place_frames
 from plugins.sim.camera.eye import Eye, PinholeLens
 from plugins.sim.camera.movers import Mover
@@ -106,9 +106,9 @@ def by_odometry_alone(frames: Sequence[Image], yaws_rad: Sequence[float], view_r
     """Return the panorama that needs no look at the frames' contents, but for their brightness."""
     numbered = dict(enumerate(frames))
     names = [f"frame {number}" for number in numbered]
-    placement = place_frames(numbered, yaws_rad, view_rad, names)
-    places = {number: (yaw_rad, 0.0) for number, yaw_rad in enumerate(yaws_rad)}
-    return stitching._render(numbered, replace(placement, places=places), {}, len(frames), view_rad)
+    placement = place_frames(numbered, yaws_rad, CameraLens.of(frames[0], view_rad), names)
+    places = {number: Attitude(yaw_rad) for number, yaw_rad in enumerate(yaws_rad)}
+    return stitching._render(numbered, replace(placement, places=places), {}, len(frames))
 
 
 def _both(panorama: Panorama, true_rad: Sequence[float]) -> list[tuple[float, float]]:

@@ -1,0 +1,208 @@
+"""Bundle adjustment: the lens and the attitudes of a camera that best explain all matching points.
+
+A field of view from a data sheet is often wrong by some percent, and cheap lenses distort. Both shift the frames
+against one another, and the shifts of a whole ring, which must add up to a full turn, determine them. A camera ahead of
+the axis of rotation looks like one of a narrower view, as far as things are at one distance, and is estimated as such.
+
+Levenberg-Marquardt with a Cauchy loss, whose scale shrinks: at first every match counts, in the end those alone that
+fit, so that a few things that moved do no harm.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from eal_actors.lab.panorama.cylinder import Attitude, CameraLens, Floats, wrapped_rad
+from eal_actors.lab.panorama.ring import Links, Ring
+
+_ODOMETRY_SIGMA_RAD: Final = math.radians(3)
+"""Assumed error of odometry for one turn: large enough that pictures always outweigh it."""
+_LENS_SIGMAS: Final = np.array([0.05, 0.1])  # of the focal length's logarithm and of k1
+_LENS_NUMBERS: Final = len(_LENS_SIGMAS)
+_TELLING: Final = 25.0  # decrease of the cost, in squared errors of a point, from which another lens is believed
+_OPEN: Final = 0.02  # share of these for an open ring, whose overlaps alone hardly determine a lens
+_LEVEL_SIGMA_RAD: Final = math.radians(0.2)
+_MOST_ZOOM: Final = 0.3  # largest change of the focal length's logarithm
+_LOSS_SCALES: Final = (100.0, 25.0, 6.0)  # in standard errors
+_MOST_STEPS: Final = 30
+_ENOUGH: Final = 1e-5  # relative decrease of the cost below which a scale is done
+_STEP: Final = 1e-6
+_DAMPING: Final = (1e-9, 1e-3, 1e6)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Points:
+    """All matching points: the numbers of the two frames that show each (n,), its pixels in both (n, 2), its error."""
+
+    first: Floats
+    second: Floats
+    first_px: Floats
+    second_px: Floats
+    sigma_rad: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Problem:
+    """The points and the priors. The parameters are log zoom, k1, then yaws, depressions and rolls."""
+
+    lens: CameraLens
+    points: _Points
+    yaws_rad: Floats
+    neighbours: Floats
+    is_closed: bool
+
+    @property
+    def start(self) -> Floats:
+        """The parameters of a level camera with the given lens and the yaws of odometry."""
+        zeros = np.zeros(len(self.yaws_rad))
+        return np.concatenate(([0.0, self.lens.k1], self.yaws_rad, zeros, zeros))
+
+    def lens_of(self, parameters: Floats) -> CameraLens:
+        """Return the lens of some parameters."""
+        zoom = math.exp(float(np.clip(parameters[0], -_MOST_ZOOM, _MOST_ZOOM)))
+        view_rad = 2 * math.atan(math.tan(self.lens.field_of_view_rad / 2) / zoom)
+        return replace(self.lens, field_of_view_rad=view_rad, k1=float(parameters[1]))
+
+    def attitudes(self, parameters: Floats) -> Floats:
+        """Return yaws, depressions and rolls, (3, n)."""
+        return parameters[_LENS_NUMBERS:].reshape(3, -1)
+
+    def misses(self, parameters: Floats, turned: tuple[int, int] | None = None) -> Floats:
+        """Return the distance of each point's two rays, to the side and in height, in standard errors, (2, n).
+
+        Args:
+            parameters: of the lens and the attitudes.
+            turned: the end (0 or 1) and the axis (0 to 2) of the attitudes to change by a small step.
+        """
+        lens, points, attitudes = self.lens_of(parameters), self.points, self.attitudes(parameters)
+        first, second = attitudes[:, points.first], attitudes[:, points.second]
+        if turned is not None:
+            (first, second)[turned[0]][turned[1]] += _STEP
+        right_rad, down = lens.rays(points.first_px, first[1], first[2])
+        other_rad, other_down = lens.rays(points.second_px, second[1], second[2])
+        aside_rad = wrapped_rad(first[0] - right_rad - second[0] + other_rad)
+        return np.stack((aside_rad, down - other_down)) / points.sigma_rad
+
+    def priors(self, parameters: Floats) -> Floats:
+        """Return how far the parameters are from what is likely, in standard deviations, (m,)."""
+        yaws_rad, downs_rad, rolls_rad = self.attitudes(parameters)
+        corrections_rad = yaws_rad - self.yaws_rad
+        before, after = self.neighbours
+        sigmas = _LENS_SIGMAS if self.is_closed else _LENS_SIGMAS * _OPEN
+        return np.concatenate(
+            (
+                (parameters[:_LENS_NUMBERS] - (0.0, self.lens.k1)) / sigmas,
+                (corrections_rad[after] - corrections_rad[before]) / _ODOMETRY_SIGMA_RAD,
+                [corrections_rad.sum()],  # odometry fixes the absolute yaw
+                downs_rad / _LEVEL_SIGMA_RAD,
+                rolls_rad / _LEVEL_SIGMA_RAD,
+            )
+        )
+
+    def cost(self, parameters: Floats, scale: float) -> float:
+        """Return what is to be minimised."""
+        squares = (self.misses(parameters) ** 2).sum(axis=0)
+        return float((scale**2 * np.log1p(squares / scale**2)).sum() + (self.priors(parameters) ** 2).sum())
+
+    def equations(self, parameters: Floats, scale: float) -> tuple[Floats, Floats]:
+        """Return the normal equations of the next step, (p, p) and (p,)."""
+        misses, priors = self.misses(parameters), self.priors(parameters)
+        weights = np.sqrt(1 / (1 + (misses**2).sum(axis=0) / scale**2))
+        slopes = np.zeros((len(parameters), *misses.shape))
+        prior_slopes = np.empty((len(parameters), len(priors)))
+        for number in range(len(parameters)):
+            beside = parameters.copy()
+            beside[number] += _STEP
+            prior_slopes[number] = (self.priors(beside) - priors) / _STEP
+            if number < _LENS_NUMBERS:
+                slopes[number] = (self.misses(beside) - misses) / _STEP
+        for axis in range(3):  # an attitude moves the points of its own frame only: one step for all frames
+            for end, frames in enumerate((self.points.first, self.points.second)):
+                change = (self.misses(parameters, turned=(end, axis)) - misses) / _STEP
+                rows = _LENS_NUMBERS + axis * len(self.yaws_rad) + frames
+                slopes[rows, :, np.arange(len(frames))] += change.T
+        all_slopes = np.concatenate(((slopes * weights).reshape(len(slopes), -1), prior_slopes), axis=1)
+        return all_slopes @ all_slopes.T, all_slopes @ np.concatenate(((misses * weights).ravel(), priors))
+
+
+def adjust_bundle(
+    lens: CameraLens, yaws_rad: Mapping[int, float], ring: Ring, links: Links
+) -> tuple[CameraLens, dict[int, Attitude]]:
+    """Return the camera's lens, and its attitude at each frame.
+
+    Args:
+        lens: the lens by which the frames were projected for comparison.
+        yaws_rad: yaw of each frame by odometry, by its number.
+        ring: their order.
+        links: their measured shifts.
+
+    Thread: any; it may take a second.
+    """
+    order = {number: index for index, number in enumerate(ring.order)}
+    pairs = np.array([(order[first], order[second]) for first, second, _ in ring.neighbours() if first != second], int)
+    problem = _Problem(
+        lens,
+        _points_of(links, lens, order),
+        np.array([yaws_rad[number] for number in order]),
+        pairs.reshape(-1, 2).T,
+        ring.is_closed,
+    )
+    parameters = _best_parameters(problem)
+    found = problem.attitudes(parameters)
+    return problem.lens_of(parameters), {number: Attitude(*found[:, index].tolist()) for number, index in order.items()}
+
+
+def _best_parameters(problem: _Problem) -> Floats:
+    """Return the best parameters; the given lens is kept unless another one explains the points clearly better."""
+    kept = _minimise(problem, problem.start, free=slice(_LENS_NUMBERS, None))
+    changed = _minimise(problem, kept, free=slice(None))
+    least, most = (problem.cost(parameters, _LOSS_SCALES[-1]) for parameters in (changed, kept))
+    return changed if most - least > _TELLING * least / max(len(problem.points.first), 1) else kept
+
+
+def _points_of(links: Links, lens: CameraLens, order: Mapping[int, int]) -> _Points:
+    """Return the points of all links, brought back from the patches to the pixels of the frames."""
+    counts = [len(shift.first_px) for shift in links.values()]
+    centre = np.array([lens.width - 1, lens.height - 1]) / 2
+
+    def pixels(points_px: list[Floats]) -> Floats:
+        points = np.concatenate([*points_px, np.empty((0, 2))]) / lens.focal_px
+        x, y, _ = lens.pixels(points[:, 0], points[:, 1])
+        return np.column_stack((x, y)) - centre
+
+    return _Points(
+        np.repeat([order[first] for first, _ in links], counts).astype(int),
+        np.repeat([order[second] for _, second in links], counts).astype(int),
+        pixels([shift.first_px for shift in links.values()]),
+        pixels([shift.second_px for shift in links.values()]),
+        np.repeat([shift.sigma_px for shift in links.values()], counts) / lens.focal_px,
+    )
+
+
+def _minimise(problem: _Problem, parameters: Floats, free: slice) -> Floats:
+    """Return the parameters of the least cost; those that are not free keep their values."""
+    least_damping, damping, most_damping = _DAMPING
+    for scale in _LOSS_SCALES:
+        cost = problem.cost(parameters, scale)
+        for _ in range(_MOST_STEPS):
+            curvature, slope = (part[free] for part in problem.equations(parameters, scale))
+            curvature = curvature[:, free]
+            tried = parameters.copy()
+            tried[free] -= np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), slope)
+            reached = problem.cost(tried, scale)
+            if reached >= cost:
+                damping *= 10
+                if damping > most_damping:
+                    damping = _DAMPING[1]
+                    break
+                continue
+            gain, cost = cost - reached, reached
+            parameters, damping = tried, max(damping / 5, least_damping)
+            if gain < _ENOUGH * cost:
+                break
+    return parameters
