@@ -82,7 +82,11 @@ def test_eal_serve_reloads_its_file_at_sighup(tmp_path: Path) -> None:
         rig.content["robots"]["r1"] |= {"exclusive": ["Arm"], "address": f"tcp/127.0.0.1:{free_port()}"}
         rig.write()
         servers["r1"].signal(signal.SIGHUP)
-        servers["r1"].wait_for("'address' cannot change while the robot is served; restart `eal serve`")
+        column = rig.file.read_text().index('"tcp/') + 1  # of the value; the file is one line
+        servers["r1"].wait_for(
+            f"f.yaml:1:{column}: robots.r1.address: 'address' cannot change while the robot is served; "
+            "restart `eal serve`"
+        )
         servers["r1"].wait_for("'exclusive' cannot change while the robot is served", "2 problems; nothing was done.")
         assert robot["Arm"].send_cmd("step3").get() == 3
         rig.file.write_text("{")
