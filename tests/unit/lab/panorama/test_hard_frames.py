@@ -123,7 +123,6 @@ def test_frames_whose_yaws_are_exchanged_are_named_with_where_they_fit() -> None
     assert math.degrees(yaw_error_rad(panorama, TRUE)) < 0.05
 
 
-@pytest.mark.slow
 def test_the_order_of_frames_does_not_matter() -> None:
     order = [3, 1, 7, 0, 2, 6, 4, 5]
     mixed = stitch([good()[n] for n in order], [MEANT[n] for n in order], VIEW_RAD)
@@ -141,7 +140,6 @@ def test_part_of_a_ring_becomes_part_of_a_panorama(number: int) -> None:
     assert ssim(panorama.image, perfect) > 0.9
 
 
-@pytest.mark.slow
 def test_a_frame_that_was_taken_twice_does_no_harm() -> None:
     panorama = stitch([*good(), good()[0]], [*MEANT, MEANT[0] - 2 * math.pi], VIEW_RAD)
     assert not panorama.unplaced
@@ -149,7 +147,6 @@ def test_a_frame_that_was_taken_twice_does_no_harm() -> None:
     assert psnr_db(panorama.image, truth(panorama, [*TRUE, TRUE[0]], 1)) > 28
 
 
-@pytest.mark.slow
 def test_nine_frames_close_the_ring_with_the_last_on_the_first() -> None:
     meant_rad = steps(9)
     true_rad = noisy(meant_rad, seed=5)
@@ -157,7 +154,6 @@ def test_nine_frames_close_the_ring_with_the_last_on_the_first() -> None:
     assert math.degrees(yaw_error_rad(panorama, true_rad)) < 0.05
 
 
-@pytest.mark.slow
 def test_frames_of_different_sizes_go_together() -> None:
     widths = [200, 240, 200, 160, 200, 200, 320, 200]
     frames = [shots([yaw_rad], width)[0] for yaw_rad, width in zip(TRUE, widths, strict=True)]
@@ -239,7 +235,6 @@ def red_px(image: Image) -> int:
     return int(((red > 2 * green) & (red > 2 * blue)).sum())
 
 
-@pytest.mark.slow
 def test_pictures_overrule_a_step_that_is_wrong() -> None:
     true_rad, told_rad = noisy(steps(6, math.radians(30)), seed=2), steps(6, math.radians(12))
     panorama = stitch(shots(true_rad), told_rad, VIEW_RAD)
