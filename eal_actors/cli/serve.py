@@ -46,11 +46,11 @@ def serve_robot(
         options = context.find_object(GlobalOptions) or GlobalOptions()
         reload_at_hangup(partial(_reload, service, out, options))
         try:
-            print_line(out, _identity_line(config))
             for one in services:
                 print_line(out, Text.assemble((one.robot.name, "bold"), f" serves {', '.join(one.robot)}"))
                 how = "dials out to" if one.is_behind_router else "listening at"
                 print_line(out, f"{how} {', '.join(one.endpoints)}")
+            print_line(out, _identity_line(config))
             robots = {one.robot.name: one.robot for one in services}
             with metrics_at(metrics_port, robots, service.robot.clock, out, service.dead_man_trips):
                 _wait(services)

@@ -234,11 +234,12 @@ class MavLink:
         if (problem := self._port.why_not_ready()) is not None:
             return problem
         system, now_s = self._settings.system_id, self._clock.now()
-        for kind in ("HEARTBEAT", "LOCAL_POSITION_NED"):
+        limits_s = {"HEARTBEAT": self._settings.timeout_s, "LOCAL_POSITION_NED": self._settings.odometry_timeout_s}
+        for kind, limit_s in limits_s.items():
             if kind not in self._newest:
                 return f"system {system} has sent no {kind} at {self._settings.port}"
             age_s = now_s - self._newest[kind][1]
-            if age_s > self._settings.timeout_s:
+            if age_s > limit_s:
                 return f"system {system} has sent no {kind} for {age_s:.1f} s"
         return None if self._reading is not None else f"system {system} has sent no ATTITUDE"
 

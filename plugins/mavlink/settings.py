@@ -44,6 +44,8 @@ class Settings(PluginSettingsModel):
     """Greatest turn rate."""
     timeout_s: float = Field(default=3.0, gt=0, le=60)
     """Silence of the vehicle after which it is not ready, and a motion ends; in seconds of the fleet's clock."""
+    odometry_timeout_s: float = Field(default=1.0, gt=0, le=60)
+    """Age of its newest position after which it is not ready, and a motion ends; in seconds of the fleet's clock."""
 
     @field_validator("geofence")
     @classmethod

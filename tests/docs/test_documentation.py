@@ -50,8 +50,8 @@ def blocks(language: str) -> list[tuple[str, str]]:
     return found
 
 
-LONG = ("scenarios/relay.yaml", "scenarios/search.yaml")
-"""Scenarios that compute a minute; tests/scenarios has short forms of them."""
+LONG = ("scenarios/relay.yaml", "scenarios/search.yaml", "scenarios/formation.yaml", "patrol-visit.yaml", "ballet")
+"""Scenarios that compute a minute; tests/scenarios has short forms of them, and `make demo` runs the ballet."""
 
 
 def commands() -> list[object]:

@@ -44,6 +44,7 @@ UPSTREAM = frozenset(
         "python3-msgpack",
         "python3-numpy",
         "python3-opencv",
+        "python3-paho-mqtt",
         "python3-psutil",
         "python3-pydantic",
         "python3-pyserial",

@@ -92,6 +92,7 @@ def speak(peer: socket.socket, data: bytes) -> None:
         peer.sendall(data)
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_a_thousand_connections(rig: Rig) -> None:
     """Silent ones, garbage, cut greetings, giant lengths: none is noticed, and nothing is left of them."""

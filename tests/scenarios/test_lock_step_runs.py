@@ -43,7 +43,9 @@ def content_of(file: Path) -> bytes:
     return repr(read_mcap(file).messages).encode() if file.suffix == ".mcap" else file.read_bytes()
 
 
-@pytest.mark.parametrize("scenario", ["dance.yaml", "square.yaml", "panorama.yaml"])
+@pytest.mark.parametrize(
+    "scenario", ["dance.yaml", "square.yaml", pytest.param("panorama.yaml", marks=pytest.mark.slow)]
+)
 def test_two_processes_write_the_same_files(scenario: str, tmp_path: Path) -> None:
     first = traces_of(scenario, tmp_path / "first", 1)
     assert {"events.jsonl", "trajectory.csv"} <= set(first)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Iterable
 from functools import partial
 from typing import Any
 
@@ -19,6 +19,7 @@ from eal_actors.scenario.report.events import Checkpoint, RobotReplaced, RunCont
 from eal_actors.scenario.report.records import from_record, is_recordable, to_record, to_view
 from eal_actors.scenario.report.resuming import Resumption
 from eal_actors.scenario.report.summary import ContactReport, ErrorReport, Report, RobotReport, RunOutcome
+from eal_actors.scenario.steps.base import roles_at_work
 
 
 def fill_slots(run: RunContext) -> None:
@@ -107,14 +108,18 @@ def restore(run: RunContext, resumption: Resumption) -> None:
 # Outcomes.
 
 
-def end_robots(run: RunContext, unfinished: Collection[str]) -> None:
+def end_robots(run: RunContext, next_step: int) -> None:
     """Set the outcome of every robot that still takes part, after the steps.
 
     Args:
         run: the run.
-        unfinished: the roles that had steps left.
+        next_step: index of the first step of the top level that is not over.
     """
-    cut_short = {slot.robot.name for role in unfinished for slot in run.slots.get(role, ())}
+    scenario, steps = run.plan.scenario, run.plan.scenario.file.steps
+    roles: Iterable[str] = roles_at_work(scenario, steps, ("steps",), next_step)
+    if any(step.needs_everyone() for step in steps[next_step:]):
+        roles = scenario.file.roles
+    cut_short = {slot.robot.name for role in roles for slot in run.slots.get(role, ())}
     for robot in run.robots.values():
         if robot.outcome is None:
             is_cut = run.is_stopping and robot.name in cut_short

@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.device.info import ResourceType
 from eal_actors.kernel.clock import Clock
-from eal_actors.kernel.errors import UnavailableError
 from eal_actors.kernel.log import get_logger
 from eal_actors.scenario.engine.frames import ExecutionContext, Frame, Participant, RoleSlot
 from eal_actors.scenario.engine.loop import Coroutine, EventLoop
@@ -391,7 +389,7 @@ class RunContext:
 
     def halt(self, robots: Sequence[Participant], only: Collection[str] | None = None) -> Coroutine:
         """Halt all actuators of some robots, or only these, and wait for the confirmations or the timeout."""
-        halts = [(robot, name, halt) for robot in robots for name, halt in self._begin_halt(robot, only)]
+        halts = [(robot, name, halt) for robot in robots for name, halt in robot.begin_halt(self._halt_timeout_s, only)]
         for robot, name, halt in halts:
             yield halt
             error = halt.exception()
@@ -399,16 +397,3 @@ class RunContext:
                 get_logger(robot=robot.name, resource=name).error("was not halted", reason=str(error))
                 if robot.outcome not in ("dropped", "replaced"):
                     robot.end("failed", error)
-
-    def _begin_halt(self, robot: Participant, only: Collection[str] | None) -> list[tuple[str, Future[int]]]:
-        halts: list[tuple[str, Future[int]]] = []
-        for name, resource in robot.handle.items():
-            if only is not None and name not in only:
-                continue
-            try:
-                moves = ResourceType.ACTUATOR in resource.info.types
-            except UnavailableError:  # it was never up, so it has never moved
-                continue
-            if moves:
-                halts.append((name, resource.halt(timeout_s=self._halt_timeout_s)))
-        return halts

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.kernel.errors import EALError, ScenarioError
+from eal_actors.device.info import ResourceType
+from eal_actors.kernel.errors import EALError, ScenarioError, UnavailableError
 from eal_actors.scenario.language.values import OnFailure, OnLost, RetryPolicy
 from eal_actors.scenario.report.summary import LossReport, RobotOutcome
 
@@ -55,6 +56,20 @@ class Participant:
         """End its part in the run."""
         self.outcome = outcome
         self.error = self.error or error
+
+    def begin_halt(self, timeout_s: float, only: Collection[str] | None) -> list[tuple[str, Future[int]]]:
+        """Halt its actuators, or only these; return the name and the confirmation of each."""
+        halts: list[tuple[str, Future[int]]] = []
+        for name, resource in self.handle.items():
+            if only is not None and name not in only:
+                continue
+            try:
+                moves = ResourceType.ACTUATOR in resource.info.types
+            except UnavailableError:  # it was never up, so it has never moved
+                continue
+            if moves:
+                halts.append((name, resource.halt(timeout_s=timeout_s)))
+        return halts
 
 
 @dataclass(eq=False)

@@ -34,7 +34,6 @@ from eal_actors.scenario.report.files import image_writer
 from eal_actors.scenario.report.journal import Journal, Listener
 from eal_actors.scenario.report.resuming import Resumption
 from eal_actors.scenario.report.summary import Report, RunOutcome
-from eal_actors.scenario.steps.base import roles_at_work
 from eal_actors.scenario.steps.python import join_threads
 
 
@@ -218,7 +217,7 @@ class Run:
         yield self._loop.checkpoint()  # a pause may have been requested before the start
         yield from self._guarded(steps if run.losses is None else run.losses.watched(steps))
         run.pauses.end()
-        checkpoints.end_robots(run, self._unfinished_roles())
+        checkpoints.end_robots(run, self._next_step)
         if run.is_stopping:
             yield from self._guarded(run.halt(everyone))
         self._phase = _Phase.FINALLY
@@ -242,12 +241,13 @@ class Run:
             self._emit(partial(checkpoints.run_continued, self._plan, self._fleet, first, self._wall_started))
             checkpoints.fill_slots(run)
             checkpoints.restore(run, self._resumption)
+            if run.losses is not None:  # the lease of the controller that died outlives it
+                yield run.loop.sleep(run.clock.of_real(self._fleet.config.network.lease_s))
         else:
             self._emit(partial(checkpoints.run_started, self._plan, self._fleet))
             checkpoints.fill_slots(run)
             self._keep_checkpoint(0)
         checkpoints.report_lost(run)
-        yield from ()
 
     def _keep_checkpoint(self, next_step: int) -> None:
         if self._directory is not None and self._file.keeps_checkpoints:
@@ -268,13 +268,6 @@ class Run:
             if not run.is_stopping:
                 self._next_step = index + 1
                 self._keep_checkpoint(index + 1)
-
-    def _unfinished_roles(self) -> set[str]:
-        """Return the roles that have steps left."""
-        scenario, first = self._plan.scenario, self._next_step
-        if any(step.needs_everyone() for step in self._file.steps[first:]):
-            return set(self._file.roles)
-        return set(roles_at_work(scenario, self._file.steps, ("steps",), first))
 
     def _perform_finally(self) -> Coroutine:
         """Perform `finally` with all robots that ever took part, innermost parts first; failures stop nothing."""

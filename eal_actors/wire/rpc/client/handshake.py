@@ -84,6 +84,9 @@ class _CommandFields(_Fields):
     returns: _ValueFields | None
     urgent: bool
     description: str
+    seconds_per_unit: float = Field(default=0.0, ge=0.0, le=3600.0, allow_inf_nan=False)
+    pace: str = ""
+    repeatable: bool = False
 
 
 class _ConfigFields(_Fields):
