@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-import socket
 import subprocess
 import sys
 import tempfile
@@ -77,9 +77,8 @@ def _watch(
     """View the run to its end, and let one robot fail on its way; return the paths in the view."""
     paths: dict[str, list[Place]] = {}
     end_s = REAL_TIME.now() + RUN_S
-    wait_for(lambda: process.poll() is not None or _listens(port), "the run serves no view")
     try:
-        with Viewer(f"ws://127.0.0.1:{port}") as viewer:
+        with _open_viewer(process, port) as viewer:
             viewer.subscribe("/tf")
             has_failed = False
             for shown in viewer.messages():
@@ -91,11 +90,19 @@ def _watch(
                     has_failed = True
                 if REAL_TIME.now() > end_s:
                     raise TimeoutError(f"the run has not ended after {RUN_S:g} s")
-    except (ConnectionClosed, ConnectionRefusedError):  # the run has ended
+    except ConnectionClosed:  # the run has ended
         return paths
     return paths
 
 
-def _listens(port: int) -> bool:
-    with socket.socket() as probe:
-        return probe.connect_ex(("127.0.0.1", port)) == 0
+def _open_viewer(process: subprocess.Popen[bytes], port: int) -> Viewer:
+    viewers: list[Viewer] = []
+
+    def has_opened() -> bool:
+        assert process.poll() is None, f"the run has ended with exit code {process.returncode}"
+        with contextlib.suppress(ConnectionRefusedError):
+            viewers.append(Viewer(f"ws://127.0.0.1:{port}"))
+        return bool(viewers)
+
+    wait_for(has_opened, "the run serves no view")
+    return viewers[0]
