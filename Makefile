@@ -17,7 +17,7 @@ EVBOTOS_TOOLS := apt bc binutils bison cryptsetup-bin device-tree-compiler dosfs
 	grub-common libelf-dev libssl-dev make mtools openssh-client qemu-system-arm qemu-system-x86 squashfs-tools \
 	tar u-boot-tools xz-utils zstd
 
-.PHONY: lock locked sbom demo demo-network lab test test-slow check docs bench bench-peers bench-scale bench-go bench-proof soak fuzz fuzz-motions figures format evbotos-setup test-evbotos test-bitbake clean help
+.PHONY: lock locked sbom demo demo-network demo-standards lab test test-slow check docs bench bench-peers bench-scale bench-go bench-proof soak fuzz fuzz-motions figures format evbotos-setup test-evbotos test-bitbake clean help
 
 help:  ## show this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -53,6 +53,9 @@ demo: $(STAMP)  ## run the dance and two formations on a simulated fleet, and sh
 
 demo-network: $(STAMP)  ## the same dance over the network: three robots, each served by a process of its own
 	$(BIN)/eal demo-network
+
+demo-standards: $(STAMP)  ## a ROS 2 robot, an AGV, a MAVLink rover and a Roomba drive a square together; one fails
+	$(BIN)/python -m tests.standards
 
 lab: $(STAMP)  ## the thesis's robots, each behind its own wire to an emulator, drive the square and dance
 	$(BIN)/eal lab

@@ -8,6 +8,7 @@ import inspect
 import json
 import math
 import os
+import shutil
 import tempfile
 import threading
 from pathlib import Path
@@ -27,6 +28,7 @@ from eal_actors.recording.arena import draw_arena, draw_grid, new_figure
 from tests.chromium import FLAGS, MISSING, find_chromium
 from tests.operate.foxglove.viewer import Viewer
 from tests.operate.hands.test_sticks import event
+from tests.standards.drive import drive
 from tests.unit.plugins.mavlink.rig import Vehicle
 from tests.unit.plugins.mqtt.rig import Broker, error_of, mqtt_fleet
 from tests.unit.plugins.ros2.rig import free_port, ros2_peer, wait_for
@@ -154,6 +156,12 @@ def draw_mavlink(folder: Path) -> None:
     figure.savefig(IMAGES / "mavlink.png")
 
 
+def draw_standards(folder: Path) -> None:
+    """Draw the record of four robots of different standards, one of which fails."""
+    driven = drive(folder, failing="rover-1", side_m=0.6)
+    shutil.copy(driven.run.path / "trajectory.png", IMAGES / "standards.png")
+
+
 def draw_foxglove(folder: Path) -> None:
     """Let three robots drive, and draw the hulls, paths and arena that a viewer received."""
     robots = {
@@ -276,6 +284,6 @@ def _disc(place: tuple[float, float], radius_m: float, colour: str) -> Any:
 
 
 if __name__ == "__main__":
-    for draw in (draw_foxglove, draw_hand, draw_mavlink, draw_notebook, draw_ros2, draw_vda5050):
+    for draw in (draw_foxglove, draw_hand, draw_mavlink, draw_notebook, draw_ros2, draw_standards, draw_vda5050):
         with tempfile.TemporaryDirectory() as made:
             draw(Path(made))

@@ -115,6 +115,11 @@ class SdkAgv:
         if "cancelOrder" in self.actions[-len(message.actions) :] and self._running is not None:
             self._running.cancel()
 
+    @property
+    def has_order(self) -> bool:
+        """Whether it is at work on an order."""
+        return self._running is not None and not self._running.done()
+
     async def go(self, goal: Any) -> None:
         """Drive straight to a place and turn there."""
         while math.dist(self.pose[:2], (goal.x, goal.y)) > 1e-9:
