@@ -19,7 +19,7 @@ from tests.unit.plugins.evbot3.wires import evbot3_on
 
 SQUARE = Path(__file__).parents[2] / "scenarios/square.yaml"
 PORTS = {"evbot2": {"port": "sim://world/body"}, "evbot3": {"address": "sim://world/body"}}
-RATE = 5.0
+RATE = 2.5
 """Of the fleet's clock, and of the emulators' time."""
 PATIENT = {"watchdog_s": 5.0}  # a delay of a busy machine is not a silent robot
 STEP_M = {"evbot2": 0.0005, "evbot3": 0.0002}

@@ -99,14 +99,26 @@ navigator.getGamepads = () => [window.pad];
 """A gamepad in the form of the Gamepad API: Chromium has no way to plug one in."""
 
 
+def press_pad(page: Page, base: Any) -> None:
+    """Hold the dead-man button until the robot drives; again, if a busy machine delays the page for too long."""
+    for _ in range(10):
+        with base.changed:
+            twists, halts = base.twists, base.halts
+        page.evaluate("window.pad.connected = true; window.pad.buttons[5].pressed = true")
+        wait_for(base, lambda: base.twists >= twists + 2 or base.halts > halts)  # noqa: B023  # waits in this round
+        with base.changed:
+            if base.halts == halts:
+                assert base.twist[0] > 0
+                return
+        page.evaluate("window.pad.buttons[5].pressed = false")
+    raise AssertionError("the page never sent drive messages in time")
+
+
 def test_a_gamepad_drives_while_its_dead_man_button_is_held(driving: Page, fleet: Fleet) -> None:
     base = resource_of(fleet, "one", "Base")
     driving.evaluate(PAD)
     for end in ("window.pad.buttons[5].pressed = false", "window.pad.connected = false"):
-        driving.evaluate("window.pad.connected = true; window.pad.buttons[5].pressed = true")
-        with base.changed:
-            before = base.twists
-        wait_for(base, lambda: base.twists >= before + 2 and base.twist[0] > 0)  # noqa: B023
+        press_pad(driving, base)
         driving.evaluate(end)
         halted(base)
     with base.changed:
