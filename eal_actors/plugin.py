@@ -5,7 +5,7 @@ A plugin is a folder with a `plugin.yaml` (its manifest) and a `plugin.py`, whic
 - `connect()` or `connect(context)`, returning `EALPlugin("ResourceA", ...)`;
 - `disconnect(plugin)`;
 - for each resource named there, `create_ResourceA()` or `create_ResourceA(context)` returning a Resource, and
-  `destroy_ResourceA(resource)`.
+  `destroy_ResourceA(resource)`; or `connect` returns a `FactoryPlugin`, which makes them by functions of its own.
 
 A plugin with settings also contains a class `Settings(PluginSettingsModel)`; the fleet file's settings are checked
 against it and arrive as `context.settings` (Source: thesis §4.2.2, B.3).
@@ -24,7 +24,7 @@ from eal_actors.device.localization.odometry_noise import OdometryNoise
 from eal_actors.device.localization.pose_estimate import PoseEstimate, wrapped_rad
 from eal_actors.device.localization.pose_resource import PoseResource, finite_pose
 from eal_actors.device.markers import FAMILIES, FamilyName
-from eal_actors.device.plugin_context import EALPlugin, FleetServices, PluginContext, PluginSettingsModel
+from eal_actors.device.plugin_context import EALPlugin, FactoryPlugin, FleetServices, PluginContext, PluginSettingsModel
 from eal_actors.device.ports import BytePort, ReopeningDevice, ReopeningPort
 from eal_actors.device.resource import Activity, Resource, command, config, config_setter, request
 from eal_actors.device.serial_ports import open_serial
@@ -62,6 +62,7 @@ __all__ = [
     "EALData",
     "EALError",
     "EALPlugin",
+    "FactoryPlugin",
     "FamilyName",
     "Field",
     "FleetServices",

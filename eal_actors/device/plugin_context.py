@@ -68,6 +68,21 @@ class EALPlugin:
             ) from None
 
 
+class FactoryPlugin(EALPlugin):
+    """A plugin that makes its resources by functions; its module has no `create_` and `destroy_` for them.
+
+    For plugins whose settings name the resources, or whose resources all share one connection. `disconnect` frees what
+    they share.
+
+    Attributes:
+        makers: a function for each resource, by its name.
+    """
+
+    def __init__(self, makers: Mapping[str, Callable[[], Resource]]) -> None:
+        super().__init__(*makers)
+        self.makers = makers
+
+
 PortMaker: TypeAlias = "Callable[[PluginContext, str, str, Callable[[Any], Any]], BytePort]"
 """Opens a simulated port: the `open_port` of a plugin such as sim; see PluginContext.simulated_port."""
 

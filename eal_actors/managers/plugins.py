@@ -21,6 +21,7 @@ from eal_actors.device.info import unknown_name
 from eal_actors.device.localization.localizer import BY_HAND, UNKNOWN
 from eal_actors.device.plugin_context import (
     EALPlugin,
+    FactoryPlugin,
     FleetServices,
     OpenPlugins,
     PluginContext,
@@ -331,6 +332,8 @@ def _with_context(function: Callable[..., Any], context: PluginContext) -> Any:
 
 
 def _resource_of(module: ModuleType, name: str, context: PluginContext) -> PluginResource:
+    if isinstance(context.plugin, FactoryPlugin):
+        return _made_by(context.plugin.makers[name], context)
     functions = []
     for function in (f"create_{name}", f"destroy_{name}"):
         found = getattr(module, function, getattr(module, function.replace("_", "", 1), None))  # the thesis's name too
@@ -340,6 +343,16 @@ def _resource_of(module: ModuleType, name: str, context: PluginContext) -> Plugi
             )
         functions.append(found)
     return PluginResource(functions[0], functions[1], context)
+
+
+def _made_by(make: Callable[[], Resource], context: PluginContext) -> PluginResource:
+    def create() -> Resource:
+        return make()
+
+    def destroy(resource: Resource) -> None:
+        """Do nothing: `disconnect` frees what the resources share."""
+
+    return PluginResource(create, destroy, context)
 
 
 def _with_unique_names(offers: list[tuple[str, str, PluginResource]]) -> dict[str, PluginResource]:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import uuid
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
-from eal_actors.plugin import DataError, EALPlugin, PluginContext, Resource
+from eal_actors.plugin import DataError, FactoryPlugin, PluginContext, Resource
 
 from .connection import MqttConnection, MqttMessage
 from .resources import MqttReader, MqttWriter
@@ -16,15 +15,14 @@ from .settings import AnnounceSettings, PresenceSettings, Settings
 __all__ = ["Settings"]
 
 
-class MqttPlugin(EALPlugin):
-    """One device's connection to the broker, and the makers of its resources by their names."""
+class MqttPlugin(FactoryPlugin):
+    """One device's connection to the broker."""
 
     def __init__(
         self, connection: MqttConnection, makers: dict[str, Callable[[], Resource]], farewell: MqttMessage | None
     ) -> None:
-        super().__init__(*makers)
+        super().__init__(makers)
         self.connection = connection
-        self.makers = makers
         self.farewell = farewell
 
 
@@ -91,23 +89,3 @@ def _said(announce: AnnounceSettings, text: str) -> MqttMessage:
 def disconnect(plugin: MqttPlugin) -> None:
     """Close the connection."""
     plugin.connection.close(plugin.farewell)
-
-
-def __getattr__(name: str) -> Callable[..., Any]:
-    """Return `create_<Resource>` or `destroy_<Resource>`, because the settings name the resources."""
-    action, _, resource = name.partition("_")
-    if action == "create" and resource:
-
-        def create(context: PluginContext) -> Resource:
-            """Create the resource."""
-            made: Resource = context.plugin.makers[resource]()
-            return made
-
-        return create
-    if action == "destroy" and resource:
-        return _destroy
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def _destroy(resource: Resource) -> None:
-    """Do nothing: the connection is the plugin's."""

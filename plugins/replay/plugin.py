@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Any
 
-from eal_actors.plugin import EALError, EALPlugin, Field, PluginContext, PluginError, PluginSettingsModel, Resource
+from eal_actors.plugin import EALError, FactoryPlugin, Field, PluginContext, PluginError, PluginSettingsModel
 from eal_actors.recording.recorded_run import RecordedRun
 
 from .player import Player
@@ -24,21 +23,7 @@ class Settings(PluginSettingsModel):
     """Restart at the end. Otherwise the robot is not ready after the end."""
 
 
-class ReplayPlugin(EALPlugin):
-    """One robot of a record.
-
-    Args:
-        player: plays the record.
-        robot: the robot's name in the record.
-    """
-
-    def __init__(self, player: Player, robot: str) -> None:
-        super().__init__(*(name for name in player.run.infos[robot] if player.run.has(robot, name)))
-        self.player = player
-        self.robot = robot
-
-
-def connect(context: PluginContext) -> ReplayPlugin:
+def connect(context: PluginContext) -> FactoryPlugin:
     """Read the record, once for all robots of the fleet.
 
     Raises:
@@ -49,9 +34,10 @@ def connect(context: PluginContext) -> ReplayPlugin:
     player: Player = context.services.shared(("replay", path, settings.loop), lambda: _open(context, path))
     if robot not in player.run.infos:
         raise PluginError(f"the record {path} has no robot {robot!r}; it has {', '.join(player.run.infos)}")
-    if not any(player.run.has(robot, name) for name in player.run.infos[robot]):
+    names = [name for name in player.run.infos[robot] if player.run.has(robot, name)]
+    if not names:
         raise PluginError(f"the record {path} has neither values nor calls of robot {robot!r}")
-    return ReplayPlugin(player, robot)
+    return FactoryPlugin({name: partial(Replayed, player, robot, name) for name in names})
 
 
 def _file(record: str) -> Path:
@@ -68,24 +54,5 @@ def _open(context: PluginContext, path: Path) -> Player:
         raise PluginError(f"robot {context.robot!r}: cannot read the record {path}: {error.strerror}") from error
 
 
-def disconnect(plugin: ReplayPlugin) -> None:
-    """Do nothing."""
-
-
-def __getattr__(name: str) -> Callable[..., Any]:
-    """Return `create_<Resource>` or `destroy_<Resource>`, because the record names the resources."""
-    action, _, resource = name.partition("_")
-    if action == "create" and resource:
-
-        def create(context: PluginContext) -> Resource:
-            """Create the resource."""
-            return Replayed(context.plugin.player, context.plugin.robot, resource)
-
-        return create
-    if action == "destroy" and resource:
-        return _destroy
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def _destroy(resource: Resource) -> None:
-    """Do nothing: the plugin owns the record."""
+def disconnect(plugin: FactoryPlugin) -> None:
+    """Do nothing: the fleet owns the record."""

@@ -7,12 +7,11 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from eal_actors.plugin import (
     Drivetrain,
     EALError,
-    EALPlugin,
+    FactoryPlugin,
     OdometryNoise,
     PluginContext,
     PluginError,
@@ -37,13 +36,12 @@ _FIRST_S = 1.5
 """Longest wait of `connect` for the first odometry, in real seconds: the first call after it is to be answered."""
 
 
-class Ros2Plugin(EALPlugin):
-    """One robot's session in the graph, and the makers of its resources by their names."""
+class Ros2Plugin(FactoryPlugin):
+    """One robot's session in the graph."""
 
     def __init__(self, session: RosSession, makers: dict[str, Callable[[], Resource]]) -> None:
-        super().__init__(*makers)
+        super().__init__(makers)
         self.session = session
-        self.makers = makers
 
 
 def connect(context: PluginContext) -> Ros2Plugin:
@@ -162,23 +160,3 @@ def _service(
 def disconnect(plugin: Ros2Plugin) -> None:
     """Close the session."""
     plugin.session.close()
-
-
-def __getattr__(name: str) -> Callable[..., Any]:
-    """Return `create_<Resource>` or `destroy_<Resource>`, because the settings name the resources."""
-    action, _, resource = name.partition("_")
-    if action == "create" and resource:
-
-        def create(context: PluginContext) -> Resource:
-            """Create the resource."""
-            made: Resource = context.plugin.makers[resource]()
-            return made
-
-        return create
-    if action == "destroy" and resource:
-        return _destroy
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def _destroy(resource: Resource) -> None:
-    """Do nothing: the session is the plugin's."""
