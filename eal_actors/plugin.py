@@ -15,9 +15,9 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from eal_actors.device.data import DataType, EALData, ValueInfo
+from eal_actors.device.data import DataType, EALData
 from eal_actors.device.differential_base import DifferentialBase, Drivetrain, WheelCalibration
-from eal_actors.device.info import CommandInfo, ConfigInfo, ResourceInfo, ResourceType
+from eal_actors.device.info import CommandInfo, ConfigInfo, ResourceInfo, ResourceType, ValueInfo
 from eal_actors.device.link import FaultyLink as Link
 from eal_actors.device.localization.localizer import Localizer
 from eal_actors.device.localization.odometry_noise import OdometryNoise

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Final
 from pydantic import Field
 from typing_extensions import override
 
-from eal_actors.device.data import DataType, EALData, ValueInfo
-from eal_actors.device.info import ResourceInfo, ResourceType
+from eal_actors.device.data import DataType, EALData
+from eal_actors.device.info import ResourceInfo, ResourceType, ValueInfo
 from eal_actors.device.motion.map_motions import MapMotions
 from eal_actors.device.motion.route_controller import MotionLimits
 from eal_actors.device.resource import Activity, command, config, config_setter

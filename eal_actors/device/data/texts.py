@@ -10,7 +10,6 @@ from eal_actors.device.data.storage import unpack
 
 if TYPE_CHECKING:
     from eal_actors.device.data.value import EALData
-    from eal_actors.device.data.value_info import ValueInfo
 
 SHOWN_NUMBERS: Final = 16
 """Arrays with at most so many numbers are shown as numbers, such as a pose; others by their shape."""
@@ -43,19 +42,6 @@ def _rounded(value: Any) -> str:
     if isinstance(value, list):
         return f"[{', '.join(map(_rounded, value))}]"
     return f"{value:.6g}" if isinstance(value, float) else repr(value)
-
-
-def info_text(info: ValueInfo) -> str:
-    """Return the type, range and unit that a value must have, such as `double 0..360 deg`."""
-    shape = "(" + ", ".join("n" if size is None else str(size) for size in info.shape) + ")" if info.shape else ""
-    words = (
-        info.type.name.lower(),
-        shape,
-        range_text(info.minimum, info.maximum),
-        "|".join(map(str, info.choices)),
-        info.unit,
-    )
-    return " ".join(word for word in words if word)
 
 
 def range_text(minimum: float | None, maximum: float | None) -> str:

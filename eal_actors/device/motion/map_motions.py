@@ -6,7 +6,8 @@ import math
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any, Final
 
-from eal_actors.device.data import DataType, ValueInfo
+from eal_actors.device.data import DataType
+from eal_actors.device.info import ValueInfo
 from eal_actors.device.motion.closed_loop import ClosedLoop, MotionDevice
 from eal_actors.device.motion.route import Point, Route
 from eal_actors.device.motion.route_controller import MotionLimits, RouteController

@@ -23,7 +23,7 @@ from eal_actors.kernel.yaml_source import load_yaml
 from eal_actors.managers.twins import simulated
 from eal_actors.scenario import Plan, Scenario
 from eal_actors.scenario.engine.plan import robot_facts
-from eal_actors.scenario.language.robot_check import CallLocations, RobotCheck, RobotScope
+from eal_actors.scenario.language.robot_check import CheckedCall, RobotCheck, RobotScope
 from eal_actors.scenario.language.static_values import StaticValues
 from eal_actors.scenario.language.values import Text
 
@@ -167,18 +167,10 @@ class _PolicyCheck(RobotCheck):
         return self.problems()
 
     @override
-    def call(
-        self,
-        method: str,
-        resource: str,
-        given: Mapping[str, Any] | None,
-        at: CallLocations,
-        robots: Sequence[str],
-        here: RobotScope,
-    ) -> ResourceInfo | None:
-        info = super().call(method, resource, given, at, robots, here)
-        if info is not None and (reason := _call_reason(self._rule, method, info, given)) is not None:
-            self.report(here, at.arguments.path, f"{self._words}: {reason}", robots, at.arguments.inside)
+    def call(self, call: CheckedCall, robots: Sequence[str], here: RobotScope) -> ResourceInfo | None:
+        info = super().call(call, robots, here)
+        if info is not None and (reason := _call_reason(self._rule, call.method, info, call.given)) is not None:
+            self.report(here, call.arguments_at.path, f"{self._words}: {reason}", robots, call.arguments_at.inside)
         return info
 
 
