@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import math
 from typing import TYPE_CHECKING, Any, Final
 
 from eal_actors.device.data.c_types import SHOWN_BYTES, SHOWN_ELEMENTS, TEXT, DataType, short_repr
 from eal_actors.device.data.storage import unpack
+from eal_actors.kernel.errors import ArgumentError
 
 if TYPE_CHECKING:
     from eal_actors.device.data.value import EALData
@@ -42,6 +44,21 @@ def _rounded(value: Any) -> str:
     if isinstance(value, list):
         return f"[{', '.join(map(_rounded, value))}]"
     return f"{value:.6g}" if isinstance(value, float) else repr(value)
+
+
+def json_object(text: str, wanted: str) -> dict[str, Any]:
+    """Return the fields of a JSON object.
+
+    Raises:
+        ArgumentError: the text is none; the message begins with `wanted`.
+    """
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ArgumentError(f"{wanted}: {error}") from None
+    if not isinstance(found, dict):
+        raise ArgumentError(f"{wanted}, not {text[:40]!r}")
+    return found
 
 
 def range_text(minimum: float | None, maximum: float | None) -> str:
