@@ -1,4 +1,4 @@
-"""Policy: the plans that need no person, as a file says. A rule must allow the whole of a plan.
+"""Policy: a file of rules for plans that run without a person's approval. A rule must allow the whole of a plan.
 
 Every call is judged with every value that it can have. A call whose values are known only during the run is not
 allowed, nor is a step kind that the rule does not name, such as `go_to` or `python`.
@@ -159,7 +159,7 @@ class _PolicyCheck(RobotCheck):
         self._seed = fleet.config.seed
 
     def judge(self, scenario: Scenario, plan: Plan) -> list[Problem]:
-        """Return what the rule does not allow."""
+        """Return the problems of a plan under the rule."""
         everyone = {role: (*names, *plan.spares.get(role, ())) for role, names in plan.roles.items()}
         with self.budget.applied():
             values = StaticValues({**scenario.parameters, "run": {"seed": self._seed}})
