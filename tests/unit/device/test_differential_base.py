@@ -115,7 +115,7 @@ def test_a_calibration_is_what_the_wheels_are_told(base: Base) -> None:
 
 def test_a_robot_that_calibrates_its_own_wheels_takes_no_calibration() -> None:
     class Vehicle(Base):
-        calibration = DifferentialBase.calibration  # type: ignore[assignment]  # not that of Base
+        calibration = DifferentialBase.calibration  # not that of Base
 
     vehicle = Vehicle()
     vehicle.set_config("track_factor", EALData.of(1.0))
