@@ -112,7 +112,7 @@ class App:
             browser.dismiss(operators)
 
     def _admit(self, browser: BrowserSession) -> bool:
-        """Admit a browser that has said who it is. One that may stop the robots takes the place of one that may not."""
+        """Admit a browser that has signed in. One that may stop the robots replaces one that may not."""
         if len(self.browsers) >= MAX_BROWSERS:
             watchers = [other for other in self.browsers if not other.may_stop]
             if not browser.may_stop or not watchers:
