@@ -15,9 +15,17 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from eal_actors.device.data import DataType, EALData, ValueInfo
-from eal_actors.device.differential_base import DifferentialBase, Drivetrain, WheelCalibration
-from eal_actors.device.info import CommandInfo, ConfigInfo, ResourceInfo, ResourceType
+from eal_actors.device.data import DataType, EALData
+from eal_actors.device.data.texts import json_object
+from eal_actors.device.differential_base import (
+    DifferentialBase,
+    Drivetrain,
+    MobileBaseSettings,
+    Radius,
+    Speed,
+    WheelCalibration,
+)
+from eal_actors.device.info import CommandInfo, ConfigInfo, ResourceInfo, ResourceType, ValueInfo
 from eal_actors.device.link import FaultyLink as Link
 from eal_actors.device.localization.localizer import Localizer
 from eal_actors.device.localization.odometry_noise import OdometryNoise
@@ -73,6 +81,7 @@ __all__ = [
     "Link",
     "LocalizationError",
     "Localizer",
+    "MobileBaseSettings",
     "NotReadyError",
     "OdometryNoise",
     "OdometryReading",
@@ -81,6 +90,7 @@ __all__ = [
     "PluginSettingsModel",
     "PoseEstimate",
     "PoseResource",
+    "Radius",
     "ReopeningDevice",
     "ReopeningPort",
     "Resource",
@@ -88,6 +98,7 @@ __all__ = [
     "ResourceInfo",
     "ResourceType",
     "SlipWatch",
+    "Speed",
     "TcpPort",
     "UdpPort",
     "UnavailableError",
@@ -100,6 +111,7 @@ __all__ = [
     "config_setter",
     "finite_pose",
     "get_logger",
+    "json_object",
     "open_serial",
     "open_tcp",
     "request",

@@ -14,12 +14,11 @@ import pymunk
 from eal_actors.plugin import Activity, Localizer, ResourceFaultError, UnavailableError, WheelCalibration
 
 from .arena import Pose2D, QuerySpace
-from .battery import SimBattery
 from .faults import HEALTHY, FaultSet
 from .free_robots import FreeRobots, FreeState
 from .models import Make
 from .motion import NormalNumbers, SimWheels, WheelMotion, WheelOdometer, moved
-from .turret import SimTurret
+from .parts import SimBattery, SimTurret
 from .velocity_drive import VelocityDrive
 
 REPORT_TICKS: Final = 2

@@ -130,7 +130,14 @@ def random_waits(most_s: float) -> Waits:
 
 
 @pytest.mark.parametrize("texts", [SQUARE, INTO_THINGS], ids=["square", "into things"])
-@pytest.mark.parametrize(("model", "noise"), [("evbot2", True), ("evbot3", False), ("roomba", True)])
+@pytest.mark.parametrize(
+    ("model", "noise"),
+    [
+        pytest.param("evbot2", True, marks=pytest.mark.slow),
+        ("evbot3", False),
+        pytest.param("roomba", True, marks=pytest.mark.slow),
+    ],
+)
 def test_the_path_is_the_same_bit_by_bit(texts: list[str], model: MakeName, noise: bool) -> None:
     path = path_of(texts, model=model, noise=noise)
     assert len(path) > 500
@@ -173,6 +180,7 @@ print(hashlib.sha256(repr(paths).encode()).hexdigest())
 """
 
 
+@pytest.mark.slow
 def test_another_process_takes_the_same_path_bit_by_bit() -> None:
     def digest(hash_seed: str) -> str:
         environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONHASHSEED": hash_seed}
