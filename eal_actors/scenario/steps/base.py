@@ -1,7 +1,9 @@
 """The interface of step kinds.
 
-The loader, the checks, the plan and the engine see steps only through `Step`. A kind overrides what it needs: most have
-fields, `templates` or `conditions`, `words`, `label` and `attempt`. Blocks also have `children`.
+`Step`, in the scenario's model, has the structure, the expressions, the wording and the planning of a step; the loader,
+the checks, the plan and the engine see steps only through it. `StepKind` adds its checks on the file and on robots, its
+timeline entry and its execution. A kind overrides what it needs: most have fields, `templates` or `conditions`,
+`words`, `label` and `attempt`. Blocks also have `children`.
 
 A step describes itself; it holds no state of a run, for many robots may perform one step at the same time.
 """
