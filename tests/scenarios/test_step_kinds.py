@@ -13,7 +13,7 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.kernel.strict_model import StrictModel
 from eal_actors.scenario import Timeline, load_scenario, make_plan, scenario_schema
-from eal_actors.scenario.engine.executor import StepAction
+from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import render
 from eal_actors.scenario.language.scenario import ScenarioFile

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import math
 from typing import TYPE_CHECKING, Any, Final
 
 from eal_actors.device.data.c_types import SHOWN_BYTES, SHOWN_ELEMENTS, TEXT, DataType, short_repr
 from eal_actors.device.data.storage import unpack
+from eal_actors.kernel.errors import ArgumentError
 
 if TYPE_CHECKING:
     from eal_actors.device.data.value import EALData
-    from eal_actors.device.data.value_info import ValueInfo
 
 SHOWN_NUMBERS: Final = 16
 """Arrays with at most so many numbers are shown as numbers, such as a pose; others by their shape."""
@@ -45,17 +46,19 @@ def _rounded(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else repr(value)
 
 
-def info_text(info: ValueInfo) -> str:
-    """Return the type, range and unit that a value must have, such as `double 0..360 deg`."""
-    shape = "(" + ", ".join("n" if size is None else str(size) for size in info.shape) + ")" if info.shape else ""
-    words = (
-        info.type.name.lower(),
-        shape,
-        range_text(info.minimum, info.maximum),
-        "|".join(map(str, info.choices)),
-        info.unit,
-    )
-    return " ".join(word for word in words if word)
+def json_object(text: str, wanted: str) -> dict[str, Any]:
+    """Return the fields of a JSON object.
+
+    Raises:
+        ArgumentError: the text is none; the message begins with `wanted`.
+    """
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ArgumentError(f"{wanted}: {error}") from None
+    if not isinstance(found, dict):
+        raise ArgumentError(f"{wanted}, not {text[:40]!r}")
+    return found
 
 
 def range_text(minimum: float | None, maximum: float | None) -> str:

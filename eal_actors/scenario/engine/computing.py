@@ -7,8 +7,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from eal_actors.actors.future import Future
+from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.context import RunContext
-from eal_actors.scenario.engine.executor import StepAction, perform_step
+from eal_actors.scenario.engine.executor import perform_step
 from eal_actors.scenario.engine.frames import ExecutionContext
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import Expression, Namespace, expressions_in, render

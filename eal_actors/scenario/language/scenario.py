@@ -209,6 +209,27 @@ class Scenario:
                 for owner, inner, inner_name, step_of_part in part.walk():
                     yield owner, inner, f"{name}.{part.name}.{inner_name}", step_of_part
 
+    def roles_at_work(self, steps: Sequence[Step], path: YamlPath, first: int = 0) -> Iterator[str]:
+        """Yield the roles at work in some of its steps, by their names in it.
+
+        Args:
+            steps: the steps.
+            path: their path.
+            first: index of the first step that counts.
+        """
+        for index, step in enumerate(steps[first:], first):
+            yield from step.roles_at_work(self, (*path, index))
+
+    def shared_robots(self, roles: Mapping[str, Sequence[str]]) -> Iterator[Problem]:
+        """Yield a problem for each robot that two branches of a block would use at the same time."""
+        for key, steps in (("steps", self.file.steps), ("finally", self.file.finally_)):
+            for index, step in enumerate(steps):
+                yield from step.shared_robots(self, (key, index), roles)
+
+    def count_calls(self, steps: Sequence[Step], path: YamlPath, robots: int | None, live: Mapping[str, int]) -> int:
+        """Return the number of calls of some of its steps; see `Step.count_calls`."""
+        return sum(step.count_calls(self, (*path, index), robots, live) for index, step in enumerate(steps))
+
     def expectations(self) -> tuple[str, ...]:
         """Return the paths in records of all steps that check the run."""
         return tuple(name for _, _, name, step in self.walk() if step.is_expectation)

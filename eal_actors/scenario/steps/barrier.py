@@ -9,7 +9,7 @@ from typing_extensions import override
 from eal_actors.kernel.errors import DeadlineError
 from eal_actors.kernel.strict_model import Name
 from eal_actors.kernel.yaml_tree import YamlPath
-from eal_actors.scenario.engine.executor import StepAction
+from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.frames import Frame
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.scope import Scope, ScopeCheck

@@ -18,8 +18,11 @@ from typing_extensions import override
 from eal_actors.kernel.errors import Problem
 from eal_actors.kernel.strict_model import DeferredType, StrictModel
 from eal_actors.kernel.yaml_tree import YamlPath
-from eal_actors.scenario.engine.executor import StepAction, perform_step, perform_within
+from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.scenario.engine.action import StepAction
+from eal_actors.scenario.engine.executor import perform_step, perform_within
 from eal_actors.scenario.engine.loop import Coroutine
+from eal_actors.scenario.engine.python_functions import StepFunction
 from eal_actors.scenario.engine.synchronization import find_meetings
 from eal_actors.scenario.language.expressions import LocatedExpression, Namespace, locate_expressions, render
 from eal_actors.scenario.language.values import (
@@ -93,6 +96,10 @@ class Step(StrictModel):
         """Whether the step itself writes into the run's folder."""
         return False
 
+    def prepare(self, fleet: FleetConfig, functions: dict[str, StepFunction]) -> str | None:
+        """Add the Python function that the step calls to those of the run; return a problem with it, or None."""
+        return None
+
     def may_repeat(self, plan: Plan, info: ResourceInfo | None, command: str | None) -> bool:
         """Return whether performing the step again, after it was interrupted, leads to the same state as once.
 
@@ -110,7 +117,7 @@ class Step(StrictModel):
     def roles_at_work(self, scenario: Scenario, path: YamlPath) -> Iterator[str]:
         """Yield the roles at work in the step, by their names in this scenario."""
         for keys, steps in self.children():
-            yield from roles_at_work(scenario, steps, (*path, *keys))
+            yield from scenario.roles_at_work(steps, (*path, *keys))
 
     def needs_everyone(self) -> bool:
         """Return whether the step may use every robot, whatever its role."""
@@ -245,7 +252,7 @@ class Step(StrictModel):
         count = self.own_calls(robots or 0)
         passes = self.passes(scenario)
         for keys, steps in self.children() if passes else ():
-            count += (passes or 0) * count_calls(scenario, steps, (*path, *keys), robots, live)
+            count += (passes or 0) * scenario.count_calls(steps, (*path, *keys), robots, live)
         return count
 
     # Execution.
@@ -386,30 +393,3 @@ class BlockStep(LimitedStep):
     def perform_inside(self, run: RunContext, context: ExecutionContext, path: str) -> Coroutine:
         """Perform the steps inside; the time limit is already handled."""
         raise NotImplementedError
-
-
-def roles_at_work(scenario: Scenario, steps: Sequence[Step], path: YamlPath, first: int = 0) -> Iterator[str]:
-    """Yield the roles at work in steps, by their names in this scenario.
-
-    Args:
-        scenario: the scenario of the steps.
-        steps: the steps.
-        path: their path.
-        first: index of the first step that counts.
-    """
-    for index, step in enumerate(steps[first:], first):
-        yield from step.roles_at_work(scenario, (*path, index))
-
-
-def shared_robots(scenario: Scenario, roles: Mapping[str, Sequence[str]]) -> Iterator[Problem]:
-    """Yield a problem for each robot that two branches of a block would use at the same time."""
-    for key, steps in (("steps", scenario.file.steps), ("finally", scenario.file.finally_)):
-        for index, step in enumerate(steps):
-            yield from step.shared_robots(scenario, (key, index), roles)
-
-
-def count_calls(
-    scenario: Scenario, steps: Sequence[Step], path: YamlPath, robots: int | None, live: Mapping[str, int]
-) -> int:
-    """Return the number of calls of steps; see `Step.count_calls`."""
-    return sum(step.count_calls(scenario, (*path, index), robots, live) for index, step in enumerate(steps))

@@ -11,7 +11,7 @@ from typing_extensions import override
 
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.kernel.yaml_tree import YamlPath
-from eal_actors.scenario.engine.executor import StepAction
+from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import (
     bare_expressions,

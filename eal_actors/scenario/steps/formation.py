@@ -13,7 +13,7 @@ from eal_actors.kernel.errors import EALError
 from eal_actors.kernel.strict_model import Name, StrictModel
 from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_tree import YamlPath
-from eal_actors.scenario.engine.executor import StepAction
+from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import Namespace, expressions_in, render
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope

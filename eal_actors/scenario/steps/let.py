@@ -10,7 +10,7 @@ from typing_extensions import override
 
 from eal_actors.kernel.strict_model import NAMES_ONLY
 from eal_actors.kernel.yaml_tree import YamlPath
-from eal_actors.scenario.engine.executor import StepAction
+from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import bare_expressions, evaluate_bare
 from eal_actors.scenario.language.scope import Scope, ScopeCheck

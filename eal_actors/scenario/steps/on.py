@@ -22,7 +22,7 @@ from eal_actors.scenario.language.scenario import Scenario
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
 from eal_actors.scenario.language.values import Text
 from eal_actors.scenario.report.timeline import TimelineBuilder, TimelineEntry
-from eal_actors.scenario.steps.base import BlockStep, Keys, Show, Steps, count_calls
+from eal_actors.scenario.steps.base import BlockStep, Keys, Show, Steps
 from eal_actors.scenario.steps.wording import until_words
 
 
@@ -88,7 +88,7 @@ class OnStep(BlockStep):
 
     @override
     def count_calls(self, scenario: Scenario, path: YamlPath, robots: int | None, live: Mapping[str, int]) -> int:
-        return count_calls(scenario, self.do, (*path, "do"), live.get(self.on, 0), live)
+        return scenario.count_calls(self.do, (*path, "do"), live.get(self.on, 0), live)
 
     @override
     def perform(self, run: RunContext, context: ExecutionContext, path: str) -> Coroutine:

@@ -20,7 +20,7 @@ from eal_actors.scenario.engine.synchronization import StepGroup, find_meetings
 from eal_actors.scenario.language.scenario import Scenario
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
 from eal_actors.scenario.language.values import MIN_ITEMS, NOT_EMPTY, Text
-from eal_actors.scenario.steps.base import BlockStep, Keys, Show, Step, Steps, roles_at_work
+from eal_actors.scenario.steps.base import BlockStep, Keys, Show, Step, Steps
 from eal_actors.scenario.steps.wording import until_words
 
 
@@ -76,7 +76,7 @@ class ParallelStep(BlockStep):
 
     def _roles_by_branch(self, scenario: Scenario, path: YamlPath) -> Iterator[tuple[Keys, str]]:
         for keys, steps in self.children():
-            for role in dict.fromkeys(roles_at_work(scenario, steps, (*path, *keys))):
+            for role in dict.fromkeys(scenario.roles_at_work(steps, (*path, *keys))):
                 yield keys, role
 
     @override

@@ -12,7 +12,7 @@ from eal_actors.facade.traffic.travelling import JOURNEY_TIMEOUT_S
 from eal_actors.kernel.errors import EALError, ScenarioError
 from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.language.expressions import Namespace, expressions_in, render
-from eal_actors.scenario.language.robot_check import CallLocations, Location, RobotCheck, RobotScope
+from eal_actors.scenario.language.robot_check import CheckedCall, Location, RobotCheck, RobotScope
 from eal_actors.scenario.steps.wording import short_value
 
 if TYPE_CHECKING:
@@ -86,8 +86,8 @@ def check_driving(check: RobotCheck, path: YamlPath, here: RobotScope) -> None:
     """Check that the robots of an `on` can drive to places."""
     at = Location(path)
     for robots in here.groups:
-        check.call("send_cmd", BASE, _GOTO, CallLocations(at, at, at), robots, here)
-        check.call("get_value", "Pose", {}, CallLocations(at, at, at), robots, here)
+        check.call(CheckedCall.at(at, "send_cmd", BASE, _GOTO), robots, here)
+        check.call(CheckedCall.at(at, "get_value", "Pose", {}), robots, here)
 
 
 def known_places(

@@ -28,7 +28,7 @@ from eal_actors.scenario.language.scope import Scope, ScopeCheck, signals_of
 from eal_actors.scenario.language.static_values import StaticValues
 from eal_actors.scenario.language.values import Text, Value, VariableName
 from eal_actors.scenario.report.timeline import TimelineBuilder, TimelineEntry
-from eal_actors.scenario.steps.base import BlockStep, Keys, Show, Step, count_calls, shared_robots
+from eal_actors.scenario.steps.base import BlockStep, Keys, Show, Step
 
 
 class ScenarioStep(BlockStep):
@@ -169,7 +169,7 @@ class ScenarioStep(BlockStep):
     ) -> Iterator[Problem]:
         if (part := scenario.parts.get(format_path(path))) is not None:
             theirs = {role: roles.get(self.roles.get(role, role), ()) for role in part.file.roles}
-            yield from shared_robots(part, theirs)
+            yield from part.shared_robots(theirs)
 
     # Wording and planning.
 
@@ -192,8 +192,8 @@ class ScenarioStep(BlockStep):
         theirs = {
             role: live.get(self.roles.get(role, role), 0) if robots is None else robots for role in part.file.roles
         }
-        steps = count_calls(part, part.file.steps, ("steps",), None, theirs)
-        return steps + count_calls(part, part.file.finally_, ("finally",), None, theirs)
+        steps = part.count_calls(part.file.steps, ("steps",), None, theirs)
+        return steps + part.count_calls(part.file.finally_, ("finally",), None, theirs)
 
     # Execution.
 

@@ -8,7 +8,7 @@ from typing import Any
 from typing_extensions import override
 
 from eal_actors.kernel.strict_model import Name
-from eal_actors.scenario.engine.executor import StepAction
+from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import render
 from eal_actors.scenario.language.values import Value

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Final
 from typing_extensions import override
 
 from eal_actors.kernel.yaml_tree import YamlPath
+from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.computing import compute
 from eal_actors.scenario.engine.context import RunContext
-from eal_actors.scenario.engine.executor import StepAction, perform_step, perform_steps
+from eal_actors.scenario.engine.executor import perform_step, perform_steps
 from eal_actors.scenario.engine.frames import ExecutionContext
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import Namespace, expressions_in, render
@@ -20,7 +21,7 @@ from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
 from eal_actors.scenario.language.scenario import Scenario
 from eal_actors.scenario.language.scope import LoopVariable, Scope, ScopeCheck
 from eal_actors.scenario.language.static_values import StaticLoop, value_of_parameters
-from eal_actors.scenario.steps.base import Keys, Show, Step, Steps, count_calls
+from eal_actors.scenario.steps.base import Keys, Show, Step, Steps
 from eal_actors.scenario.steps.for_ import LoopValues
 from eal_actors.scenario.steps.loop import LoopStep
 from eal_actors.scenario.steps.places import (
@@ -102,7 +103,7 @@ class VisitStep(LoopStep):
     @override
     def count_calls(self, scenario: Scenario, path: YamlPath, robots: int | None, live: Mapping[str, int]) -> int:
         visitors = 1 if self.split else robots or 0
-        each = visitors + count_calls(scenario, self.do, (*path, "do"), visitors, live)
+        each = visitors + scenario.count_calls(self.do, (*path, "do"), visitors, live)
         return each * (self.passes(scenario) or 0)
 
     # Execution.

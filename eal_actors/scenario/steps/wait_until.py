@@ -9,7 +9,7 @@ from pydantic import PositiveFloat
 from typing_extensions import override
 
 from eal_actors.kernel.errors import DeadlineError
-from eal_actors.scenario.engine.executor import StepAction
+from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import evaluate, parse_bare, to_plain
 from eal_actors.scenario.language.values import ExpressionText
