@@ -32,6 +32,7 @@ from eal_actors.device.localization.odometry_noise import OdometryNoise
 from eal_actors.device.localization.pose_estimate import PoseEstimate, wrapped_rad
 from eal_actors.device.localization.pose_resource import PoseResource, finite_pose
 from eal_actors.device.markers import FAMILIES, FamilyName
+from eal_actors.device.motion.slip_watch import MOST_SLIP_M, MOST_TURN_SLIP_M, SlipWatch, slip_error
 from eal_actors.device.plugin_context import EALPlugin, FactoryPlugin, FleetServices, PluginContext, PluginSettingsModel
 from eal_actors.device.ports import BytePort, ReopeningDevice, ReopeningPort
 from eal_actors.device.resource import Activity, Resource, command, config, config_setter, request
@@ -56,6 +57,8 @@ from eal_actors.kernel.log import get_logger
 
 __all__ = [
     "FAMILIES",
+    "MOST_SLIP_M",
+    "MOST_TURN_SLIP_M",
     "Activity",
     "ArgumentError",
     "BlockedError",
@@ -94,6 +97,7 @@ __all__ = [
     "ResourceFaultError",
     "ResourceInfo",
     "ResourceType",
+    "SlipWatch",
     "Speed",
     "TcpPort",
     "UdpPort",
@@ -111,5 +115,6 @@ __all__ = [
     "open_serial",
     "open_tcp",
     "request",
+    "slip_error",
     "wrapped_rad",
 ]

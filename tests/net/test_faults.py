@@ -134,6 +134,7 @@ def outlast_dead_man(robot: RobotHandle) -> None:
 # Absences.
 
 
+@pytest.mark.slow
 def test_half_of_a_fleet_is_absent(tmp_path: Path) -> None:
     rig = Rig(tmp_path, ("r1", "r2", "r3", "r4"))
     with servers(rig, "r1", "r3") as running, Fleet(rig.config) as fleet:

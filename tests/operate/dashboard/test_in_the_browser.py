@@ -77,7 +77,8 @@ def test_a_running_command_shows_its_progress_and_controller(
         expect(row).to_contain_text("nobody")
 
 
-def test_the_view_links_to_the_report_of_a_run(open_page: OpenPage, fleet: Fleet, tmp_path: Path) -> None:
+def test_the_view_replays_a_run_and_links_to_its_report(open_page: OpenPage, fleet: Fleet, tmp_path: Path) -> None:
+    """The report ran no scripts here. Escape stops the robots from inside the replay too."""
     scenarios = tmp_path / "scenarios"
     scenarios.mkdir()
     (scenarios / "turn.yaml").write_text(
@@ -93,6 +94,14 @@ def test_the_view_links_to_the_report_of_a_run(open_page: OpenPage, fleet: Fleet
             page.get_by_role("link", name="Report").click()
         expect(opened.value).to_have_title("turn on counted: done")
         expect(opened.value.locator("table").first).to_contain_text("two")
+        replay = page.frame_locator("iframe[title='Replay of the run']")
+        expect(page.locator("iframe[title='Replay of the run']")).to_be_visible()
+        expect(replay.locator("#player-now")).to_contain_text("one")  # the player has run
+        expect(replay.locator(".bar").first).to_have_text("turn9")
+        replay.locator("#player-time").focus()
+        page.keyboard.press("Escape")
+        expect(page.locator("#notices")).to_contain_text("2 robots confirmed the stop")
+        assert all(robot.stopped_because for robot in fleet.values())
 
 
 def poses_after(fleet: Fleet, robot: str, start_s: float) -> set[tuple[float, ...]]:
