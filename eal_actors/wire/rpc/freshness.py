@@ -196,7 +196,7 @@ class CommandHistory(Generic[T]):
     Thread: one at a time.
     """
 
-    def __init__(self, era: str, *, outcomes: int = 2048, clients: int = 256, outcomes_in_all: int = 16_384) -> None:
+    def __init__(self, era: str, *, outcomes: int = 1024, clients: int = 256, outcomes_in_all: int = 4096) -> None:
         self.era: Final = era
         self._max_outcomes: Final = outcomes
         self._max_clients: Final = clients
