@@ -20,6 +20,7 @@ from eal_actors.kernel.errors import (
 FLEET = """\
 version: 1
 clock: {rate: max}
+world: hall.yaml
 robots:
   "robot{n}": {count: 3, plugins: {sim: {model: roomba, noise: false}}}
   evbot: {plugins: {sim: {model: evbot3, noise: false}}}
@@ -31,6 +32,8 @@ NAMES = ["robot1", "robot2", "robot3"]
 def fleet(tmp_path: Path) -> Iterator[Fleet]:
     file = tmp_path / "fleet.yaml"
     file.write_text(FLEET)
+    starts = ", ".join(f"{{x_m: -10, y_m: {3 * row}}}" for row in range(4))  # nobody is in anybody's way
+    (tmp_path / "hall.yaml").write_text(f"version: 1\nname: hall\nsize_m: [40, 40]\nstarts: [{starts}]\n")
     with Fleet.load(file) as fleet:
         yield fleet
 
