@@ -173,6 +173,8 @@ def adjust_bundle(
     projected_rad: Mapping[int, float],
     ring: Ring,
     links: Links,
+    *,
+    may_be_beside: bool = True,
 ) -> tuple[TurnedCamera, dict[int, Attitude]]:
     """Return the camera, and its attitude at each frame.
 
@@ -183,6 +185,7 @@ def adjust_bundle(
         projected_rad: yaw by which each frame was projected, by its number.
         ring: their order.
         links: their measured shifts.
+        may_be_beside: whether to look for a camera beside the axis.
 
     Thread: any; it may take a second.
     """
@@ -196,13 +199,13 @@ def adjust_bundle(
         pairs.reshape(-1, 2).T,
         ring.is_closed,
     )
-    parameters = _best_parameters(problem)
+    parameters = _best_parameters(problem, may_be_beside=may_be_beside and ring.is_closed)
     found = problem.attitudes(parameters)
     attitudes = {number: Attitude(*found[:, index].tolist()) for number, index in order.items()}
     return TurnedCamera(problem.lens_of(parameters), problem.parallax_of(parameters)), attitudes
 
 
-def _best_parameters(problem: _Problem) -> Floats:
+def _best_parameters(problem: _Problem, *, may_be_beside: bool) -> Floats:
     """Return the best parameters.
 
     The given lens and a camera on the axis are kept unless other ones explain the points clearly better.
@@ -212,10 +215,8 @@ def _best_parameters(problem: _Problem) -> Floats:
     if problem.camera.parallax.is_some:
         return _minimise(rough, problem.start, everything)
     best = _minimise(problem, problem.start, (_ATTITUDES,))
-    if not problem.is_closed:
-        return _better(problem, best, _minimise(problem, best, (_LENS, _ATTITUDES)))
     best = _better(problem, best, _minimise(problem, best, (_LENS, _ATTITUDES)))
-    return _better(rough, best, _minimise(rough, problem.start, everything))
+    return _better(rough, best, _minimise(rough, problem.start, everything)) if may_be_beside else best
 
 
 def _better(problem: _Problem, best: Floats, other: Floats) -> Floats:

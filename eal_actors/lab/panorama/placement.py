@@ -7,7 +7,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -31,7 +31,8 @@ from eal_actors.lab.panorama.ring import Links, Ring, closing_error_rad, ring_of
 
 _MOST_PASSES: Final = 2
 _SAME_LENS_PX: Final = 0.5
-_COMPARED_WIDTH: Final = 800  # largest width for comparisons, in pixels
+_COARSE_WIDTH: Final = 320  # of frames for comparisons, in pixels: things look alike from places 6 cm apart
+_FINE_WIDTH: Final = 800  # for a camera on the axis
 _BLANK: Final = 2.0  # standard deviation of grey levels up to which a picture counts as blank
 _UNLIKE: Final = 16.0  # difference in grey levels from which a blank frame contradicts its neighbour in their overlap
 _DARKEST: Final = 4
@@ -62,6 +63,13 @@ class FramePlacement:
     patches: Mapping[int, Patch]
 
 
+class _CompareBy(NamedTuple):
+    """The camera model by which frames are projected for comparison, and their largest width."""
+
+    camera: TurnedCamera
+    width: int
+
+
 def place_frames(
     frames: Mapping[int, Image], yaws_rad: Sequence[float], lens: CameraLens, names: Sequence[str]
 ) -> FramePlacement:
@@ -76,13 +84,22 @@ def place_frames(
         lens: the lens of the frames, as far as it is known.
         names: names of the frames in messages.
     """
-    camera = TurnedCamera(lens, Parallax.none())
-    placement = _place(frames, yaws_rad, lens, camera, names)
+    coarse = _settle(frames, yaws_rad, lens, _CompareBy(TurnedCamera(lens, Parallax.none()), _COARSE_WIDTH), names)
+    if coarse.camera.parallax.is_some or lens.width <= _COARSE_WIDTH:
+        return coarse
+    return _settle(frames, yaws_rad, lens, _CompareBy(coarse.camera, _FINE_WIDTH), names)
+
+
+def _settle(
+    frames: Mapping[int, Image], yaws_rad: Sequence[float], given: CameraLens, way: _CompareBy, names: Sequence[str]
+) -> FramePlacement:
+    """Compare the frames again, as long as that changes the camera."""
+    placement = _place(frames, yaws_rad, given, way, names)
     for _ in range(_MOST_PASSES):
-        if _apart_px(placement.camera, camera) < _SAME_LENS_PX:
+        if _apart_px(placement.camera, way.camera) < _SAME_LENS_PX:
             break
-        camera = placement.camera  # frames that are projected by a better model show more of their overlaps
-        placement = _place(frames, yaws_rad, lens, camera, names)
+        way = way._replace(camera=placement.camera)  # frames that a better model projects show more of their overlaps
+        placement = _place(frames, yaws_rad, given, way, names)
     return placement
 
 
@@ -101,10 +118,11 @@ def _place(
     frames: Mapping[int, Image],
     yaws_rad: Sequence[float],
     given: CameraLens,
-    camera: TurnedCamera,
+    way: _CompareBy,
     names: Sequence[str],
 ) -> FramePlacement:
-    views = {number: _ComparedFrame(frame, camera, yaws_rad[number]) for number, frame in frames.items()}
+    camera = way.camera
+    views = {number: _ComparedFrame(frame, way, yaws_rad[number]) for number, frame in frames.items()}
     if all(view.is_blank for view in views.values()):
         return FramePlacement(camera, {}, {}, dict.fromkeys(frames, "is blank, as all frames are"), None, {})
     field_of_view_rad = 2 * camera.lens.half_view_rad
@@ -121,7 +139,7 @@ def _place(
         outliers = _find_outliers(pairs, compared)
         if not outliers:
             links = {pair: shift for pair in pairs if (shift := compared[pair].shift) is not None}
-            return _solve(left, ring, links, unplaced, views, given)
+            return _solve(left, ring, links, unplaced, views, given, may_be_beside=way.width == _COARSE_WIDTH)
         unplaced |= {number: _reason(number, outliers[number], views, yaws_rad, names) for number in sorted(outliers)}
     return FramePlacement(camera, {}, {}, unplaced, None, {})
 
@@ -129,9 +147,9 @@ def _place(
 class _ComparedFrame:
     """A frame for comparisons; features and gradients are computed lazily."""
 
-    def __init__(self, frame: Image, camera: TurnedCamera, yaw_rad: float) -> None:
-        small = scaled_down(frame, _COMPARED_WIDTH)
-        self.camera: Final = camera._replace(lens=camera.lens.scaled(small.shape[1], small.shape[0]))
+    def __init__(self, frame: Image, way: _CompareBy, yaw_rad: float) -> None:
+        small = scaled_down(frame, way.width)
+        self.camera: Final = way.camera._replace(lens=way.camera.lens.scaled(small.shape[1], small.shape[0]))
         self.yaw_rad: Final = yaw_rad
         self.patch: Final = patch_of(small, self.camera, yaw_rad)
         self.is_blank: Final = float(self.patch.grey[self.patch.reaches].std()) <= _BLANK
@@ -267,6 +285,8 @@ def _solve(
     unplaced: Mapping[int, str],
     views: Mapping[int, _ComparedFrame],
     given: CameraLens,
+    *,
+    may_be_beside: bool,
 ) -> FramePlacement:
     compared = next(iter(views.values())).camera
     found, places = adjust_bundle(
@@ -276,6 +296,7 @@ def _solve(
         {number: view.yaw_rad for number, view in views.items()},
         ring,
         links,
+        may_be_beside=may_be_beside,
     )
     sources: dict[int, PlacedBy] = dict.fromkeys(sorted(yaws_rad), "odometry only")
     for method in ("gradients", "features"):
