@@ -49,7 +49,7 @@ sbom: $(STAMP)  ## build the packages, and the wheel's bill of materials in Cycl
 	$(BIN)/python -m tests.house.sbom build/dist/*.whl build/sbom.cdx.json
 
 demo: $(STAMP)  ## run the dance and two formations on a simulated fleet, and show the picture and the film
-	$(BIN)/eal run scenarios/ballet.yaml --fleet fleets/formation.yaml --film --show
+	$(BIN)/eal run scenarios/ballet.yaml --fleet fleets/formation.yaml --rate max --film --show
 
 demo-network: $(STAMP)  ## the same dance over the network: three robots, each served by a process of its own
 	$(BIN)/eal demo-network

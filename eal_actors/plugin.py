@@ -15,15 +15,24 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from eal_actors.device.data import DataType, EALData, ValueInfo
-from eal_actors.device.differential_base import DifferentialBase, Drivetrain, WheelCalibration
-from eal_actors.device.info import CommandInfo, ConfigInfo, ResourceInfo, ResourceType
+from eal_actors.device.data import DataType, EALData
+from eal_actors.device.data.texts import json_object
+from eal_actors.device.differential_base import (
+    DifferentialBase,
+    Drivetrain,
+    MobileBaseSettings,
+    Radius,
+    Speed,
+    WheelCalibration,
+)
+from eal_actors.device.info import CommandInfo, ConfigInfo, ResourceInfo, ResourceType, ValueInfo
 from eal_actors.device.link import FaultyLink as Link
 from eal_actors.device.localization.localizer import Localizer
 from eal_actors.device.localization.odometry_noise import OdometryNoise
 from eal_actors.device.localization.pose_estimate import PoseEstimate, wrapped_rad
 from eal_actors.device.localization.pose_resource import PoseResource, finite_pose
 from eal_actors.device.markers import FAMILIES, FamilyName
+from eal_actors.device.motion.slip_watch import MOST_SLIP_M, MOST_TURN_SLIP_M, SlipWatch, slip_error
 from eal_actors.device.plugin_context import EALPlugin, FactoryPlugin, FleetServices, PluginContext, PluginSettingsModel
 from eal_actors.device.ports import BytePort, ReopeningDevice, ReopeningPort
 from eal_actors.device.resource import Activity, Resource, command, config, config_setter, request
@@ -48,6 +57,8 @@ from eal_actors.kernel.log import get_logger
 
 __all__ = [
     "FAMILIES",
+    "MOST_SLIP_M",
+    "MOST_TURN_SLIP_M",
     "Activity",
     "ArgumentError",
     "BlockedError",
@@ -70,6 +81,7 @@ __all__ = [
     "Link",
     "LocalizationError",
     "Localizer",
+    "MobileBaseSettings",
     "NotReadyError",
     "OdometryNoise",
     "OdometryReading",
@@ -78,12 +90,15 @@ __all__ = [
     "PluginSettingsModel",
     "PoseEstimate",
     "PoseResource",
+    "Radius",
     "ReopeningDevice",
     "ReopeningPort",
     "Resource",
     "ResourceFaultError",
     "ResourceInfo",
     "ResourceType",
+    "SlipWatch",
+    "Speed",
     "TcpPort",
     "UdpPort",
     "UnavailableError",
@@ -96,8 +111,10 @@ __all__ = [
     "config_setter",
     "finite_pose",
     "get_logger",
+    "json_object",
     "open_serial",
     "open_tcp",
     "request",
+    "slip_error",
     "wrapped_rad",
 ]

@@ -33,7 +33,7 @@ from evbotos.apt_sources import sources_for
 from evbotos.errors import BuildError
 from evbotos.hashing import file_sha256, files_sha256, key_of
 from evbotos.hosttools import needed_for, require
-from evbotos.lock import Lock, LockedPackage, lock_path, read_lock, require_lock
+from evbotos.lock import Lock, LockedPackage, read_lock, require_lock
 from evbotos.locking import lock_present_versions
 from evbotos.model import GRUB_PACKAGE, Image, Kernel, Local, PackagedKernel, Platform
 from evbotos.outputs import Built, Made, manifest_of, root_with_kernel_mb, write_outputs
@@ -78,12 +78,6 @@ def kernel_key(platform: Platform, lock: Lock) -> str:
     wanted = platform.kernel
     fragments = kernel.fragments_text(wanted) if isinstance(wanted, Kernel) else file_sha256(_PACKAGED)
     return key_of([lock.kernel.sha256, wanted.model_dump(mode="json"), fragments])
-
-
-def has_kernel(platform: Platform, image: Image, local: Local) -> bool:
-    """Return whether the cache holds the kernel, whose compilation takes longest."""
-    lock = read_lock(lock_path(platform, image))
-    return lock is not None and (cache_folder(local) / "kernel" / kernel_key(platform, lock)).is_dir()
 
 
 class Build:

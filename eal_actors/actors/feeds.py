@@ -10,8 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Literal, Protocol, TypeAlias, get_args
 
-from eal_actors.device.data import DataType, EALData, ValueInfo
-from eal_actors.device.info import ResourceInfo
+from eal_actors.device.data import DataType, EALData
+from eal_actors.device.info import ResourceInfo, ValueInfo
 from eal_actors.kernel.errors import ArgumentError, EALError, UnsupportedError
 
 Encoding: TypeAlias = Literal["raw", "jpeg", "png"]

@@ -18,8 +18,8 @@ from eal_actors.actors.actor import AbandonedThread
 from eal_actors.actors.call import MOTION_METHODS, Call, ResourceCell
 from eal_actors.actors.readiness import ReadinessActor
 from eal_actors.actors.robot_view import RunningCommand, command_of, process_name
-from eal_actors.device.data import DataType, EALData, ValueInfo
-from eal_actors.device.info import ResourceInfo
+from eal_actors.device.data import DataType, EALData
+from eal_actors.device.info import ResourceInfo, ValueInfo
 from eal_actors.device.plugin_context import ResourceFactory
 from eal_actors.device.resource import Activity, Resource
 from eal_actors.kernel import log

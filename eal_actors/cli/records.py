@@ -141,19 +141,26 @@ def replay_run(
     ] = None,
     port: Annotated[int, typer.Option(min=1, max=65535, help="With --serve: port of the first robot.")] = 50000,
     show: Annotated[
-        bool, typer.Option("--show", help="Open the run's page in a browser, whose player replays it.")
-    ] = False,
+        bool | None,
+        typer.Option(
+            "--show/--no-show",
+            show_default="in a terminal, without the other options",
+            help="Open the run's page in a browser, whose player replays it. --show writes no fleet file.",
+        ),
+    ] = None,
 ) -> None:
-    """Replay a recorded run to controllers as if its robots were there.
+    """Replay a recorded run in a browser, and to controllers as if its robots were there.
 
-    The command writes a fleet file whose robots have the names, types and tags of the recorded ones. Use it with any
-    command or program in place of the original one. Sensors return the recorded values. Commands must come in the
+    The page is that of `eal report`: its player shows map, cameras, values and steps at any time of the run.
+
+    The command also writes a fleet file whose robots have the names, types and tags of the recorded ones. Use it with
+    any command or program in place of the original one. Sensors return the recorded values. Commands must come in the
     recorded order; each takes as long as recorded, and fails if it failed then.
-
-    With --show no fleet file is written: the page of `eal report` opens, with map, cameras, values and time line.
     """
-    if show:
+    is_plain = not (serve or loop or rate or out)
+    if show or (show is None and is_plain and stdout().is_terminal):
         report_run(run, None, show=True)
+    if show:
         return
     chosen = parse_rate(rate)
     if serve and chosen == MAX:

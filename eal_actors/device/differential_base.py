@@ -9,21 +9,19 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import Annotated, Final
 
 from pydantic import Field
 from typing_extensions import override
 
-from eal_actors.device.data import DataType, EALData, ValueInfo
-from eal_actors.device.info import ResourceInfo, ResourceType
+from eal_actors.device.data import DataType, EALData
+from eal_actors.device.info import ResourceInfo, ResourceType, ValueInfo
 from eal_actors.device.motion.map_motions import MapMotions
 from eal_actors.device.motion.route_controller import MotionLimits
+from eal_actors.device.plugin_context import PluginContext, PluginSettingsModel
 from eal_actors.device.resource import Activity, command, config, config_setter
-from eal_actors.kernel.errors import ArgumentError
+from eal_actors.kernel.errors import ArgumentError, UnsupportedError
 from eal_actors.kernel.strict_model import StrictModel
-
-if TYPE_CHECKING:
-    from eal_actors.device.plugin_context import PluginContext
 
 _DISTANCE: Final = ValueInfo(DataType.DOUBLE, "m", 0, 100)
 _ANGLE: Final = ValueInfo(DataType.DOUBLE, "deg", 0, 3600)
@@ -36,6 +34,11 @@ _TRACK: Final = ValueInfo(DataType.DOUBLE, "m", 0, 10)
 _TRACK_FACTOR: Final = ValueInfo(DataType.DOUBLE, None, 0.5, 2, description="a factor; 1 is nominal")
 _WHEEL_RATIO: Final = ValueInfo(DataType.DOUBLE, None, 0.9, 1.1, description="a ratio; 1 is nominal")
 _ROUNDING: Final = 1e-9
+
+
+Radius = Annotated[float, Field(gt=0, le=10)]
+Speed = Annotated[float, Field(gt=0, le=30)]
+TurnRate = Annotated[float, Field(gt=0, le=1000)]
 
 
 class WheelCalibration(StrictModel):
@@ -106,11 +109,45 @@ class Drivetrain:
     radius_m: float = 0.2
 
 
+class MobileBaseSettings(PluginSettingsModel):
+    """The settings of a robot whose size and speeds the driver cannot know."""
+
+    radius_m: Radius = 0.3
+    """Radius of the robot about its centre."""
+    speed_m_s: Speed = 0.5
+    """Usual speed."""
+    max_speed_m_s: Speed = 1.5
+    """Greatest speed."""
+    turn_rate_deg_s: TurnRate = 45.0
+    """Usual turn rate."""
+    max_turn_rate_deg_s: TurnRate = 120.0
+    """Greatest turn rate."""
+
+    def drivetrain(self, name: str, track_m: float, acceleration_m_s2: float = 0.4) -> Drivetrain:
+        """Return the drivetrain.
+
+        Args:
+            name: the type's name, for messages.
+            track_m: nominal distance of its wheels.
+            acceleration_m_s2: of each wheel.
+        """
+        return Drivetrain(
+            name,
+            track_m,
+            self.speed_m_s,
+            self.max_speed_m_s,
+            self.turn_rate_deg_s,
+            self.max_turn_rate_deg_s,
+            acceleration_m_s2,
+            self.radius_m,
+        )
+
+
 class DifferentialBase(MapMotions):
     """Drives a robot with two driven wheels (Source: thesis §6.2.1, §6.2.2).
 
-    A driver implements `drive`, `turn` and `follow`, the property `calibration`, `halt` and `get_status`; and
-    `clearance_m`, if the robot has sensors for it.
+    A driver implements `drive`, `turn` and `follow`, `halt` and `get_status`; the property `calibration`, unless the
+    robot calibrates its own wheels; and `clearance_m`, if it has sensors for it.
 
     Args:
         drivetrain: the robot's drivetrain.
@@ -151,13 +188,14 @@ class DifferentialBase(MapMotions):
         """
 
     @property
-    @abstractmethod
     def calibration(self) -> WheelCalibration:
-        """The calibration that motions and odometry use."""
+        """The calibration that motions and odometry use. The default is for a robot that calibrates its own wheels."""
+        return NOMINAL
 
     @calibration.setter
-    @abstractmethod
-    def calibration(self, calibration: WheelCalibration) -> None: ...
+    def calibration(self, calibration: WheelCalibration) -> None:
+        if calibration != NOMINAL:
+            raise UnsupportedError(f"a robot of type {self.drivetrain.name} calibrates its own wheels, in its driver")
 
     def wheel_speeds_m_s(self, speed_m_s: float, turn_rate_rad_s: float) -> tuple[float, float]:
         """Return the counts per second of the left and the right wheel for a twist.

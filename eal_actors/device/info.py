@@ -11,8 +11,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Final
 
-from eal_actors.device.data import DataType, EALData, ValueInfo
-from eal_actors.device.data.texts import repr_of
+from eal_actors.device.data import DataType, EALData
+from eal_actors.device.data.c_types import NUMERIC_TYPES
+from eal_actors.device.data.texts import range_text
 from eal_actors.kernel.errors import ArgumentError
 from eal_actors.kernel.suggestions import did_you_mean
 
@@ -53,6 +54,79 @@ METHODS: Final = (
 
 
 _PLACEHOLDER: Final = re.compile(r"<(\w+)>$")
+
+
+@dataclass(frozen=True, slots=True)
+class ValueInfo:
+    """The type, unit and range of a value.
+
+    Attributes:
+        type: the data type; FLOAT and DOUBLE accept an integer too.
+        unit: the unit's symbol, such as `m`, `deg` or `rad/s`; None for a bare number or text.
+        minimum: the least valid value, in the unit; None for no limit.
+        maximum: the greatest valid value, in the unit; None for no limit.
+        choices: the valid values, if they are few; empty for no such limit.
+        shape: the array's shape, with None for any size; () for a single value. A list fills rows.
+        description: one line for people.
+    """
+
+    type: DataType
+    unit: str | None = None
+    minimum: float | None = None
+    maximum: float | None = None
+    choices: tuple[str | float, ...] = ()
+    shape: tuple[int | None, ...] = ()
+    description: str = ""
+
+    def check(self, data: EALData, what: str) -> None:
+        """Raise ArgumentError, naming `what`, unless the value has the type, shape and range."""
+        if problem := self.problem(data):
+            raise ArgumentError(f"{what} {problem}")
+
+    def problem(self, data: EALData) -> str | None:
+        """Return the error of a value as the end of a sentence that begins with its name, or None."""
+        kind, wanted = data.type, self.type
+        if kind is not wanted and (wanted is DataType.INT or kind not in NUMERIC_TYPES or wanted not in NUMERIC_TYPES):
+            return f"must be {self.describe()}, not {_repr_of(data)}"
+        if self.shape:
+            return self._shape_problem(data)
+        value = data.value
+        if self.choices and value not in self.choices:
+            return f"must be one of {', '.join(map(str, self.choices))}, not {value!r}"
+        return self._number_problem(data, value) if wanted in NUMERIC_TYPES else None
+
+    def _number_problem(self, data: EALData, value: Any) -> str | None:
+        if not isinstance(value, int | float):
+            return f"must be {self.describe()}, not {_repr_of(data)}"
+        below = self.minimum is not None and not value >= self.minimum
+        above = self.maximum is not None and not value <= self.maximum
+        return f"must be {self.describe()}, not {value:g}" if below or above or value != value else None  # NaN differs
+
+    def _shape_problem(self, data: EALData) -> str | None:
+        shape = data.shape
+        if shape is None:
+            shape = (len(value),) if isinstance(value := data.value, list | tuple) else ()
+            match self.shape:  # a C array has no rows
+                case (None, int() as row) if shape and shape[0] % row == 0:
+                    shape = shape[0] // row, row
+        if shape == self.shape:
+            return None
+        fits = len(shape) == len(self.shape) and all(
+            want is None or want == have for want, have in zip(self.shape, shape, strict=True)
+        )
+        return None if fits else f"must be {self.describe()}, not of shape {shape}"
+
+    def describe(self) -> str:
+        """Return the type, range and unit as text, such as `double 0..360 deg`."""
+        shape = "(" + ", ".join("n" if size is None else str(size) for size in self.shape) + ")" if self.shape else ""
+        words = (
+            self.type.name.lower(),
+            shape,
+            range_text(self.minimum, self.maximum),
+            "|".join(map(str, self.choices)),
+            self.unit,
+        )
+        return " ".join(word for word in words if word)
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,7 +304,7 @@ def _parse(
         if info.name == text:
             if info.argument is None:
                 if data is not None:
-                    raise ArgumentError(f"{kind} {text!r} takes no argument, but was given {repr_of(data)}")
+                    raise ArgumentError(f"{kind} {text!r} takes no argument, but was given {_repr_of(data)}")
                 return info, None
             if data is None:
                 raise ArgumentError(f"{kind} {text!r} needs an argument: {info.argument.describe()}")
@@ -245,7 +319,7 @@ def _parse(
             info.argument.check(argument, f"{kind} {text!r}: its argument")
             if data is not None:
                 raise ArgumentError(
-                    f"{kind} {text!r} carries its argument in the text, but was given {repr_of(data)} too"
+                    f"{kind} {text!r} carries its argument in the text, but was given {_repr_of(data)} too"
                 )
             return info, argument
     raise ArgumentError(unknown_name(kind, text, (c.name for c in known)))
@@ -289,3 +363,9 @@ def _to_plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_to_plain(item) for item in value]
     return value.name if isinstance(value, DataType) else value
+
+
+def _repr_of(data: EALData) -> str:
+    """Return a value as its user wrote it, if that is short."""
+    value = data.value if data.shape is None else data
+    return repr(value if isinstance(value, int | float | str | None) else data)

@@ -12,8 +12,8 @@ from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final, TypeAlias, TypeVar
 
-from eal_actors.device.data import EALData, ValueInfo
-from eal_actors.device.info import METHODS, CommandInfo, ConfigInfo, ResourceInfo, ResourceType
+from eal_actors.device.data import EALData
+from eal_actors.device.info import METHODS, CommandInfo, ConfigInfo, ResourceInfo, ResourceType, ValueInfo
 from eal_actors.kernel.errors import ArgumentError, UnsupportedError
 
 Activity: TypeAlias = Generator[float, None, Any]

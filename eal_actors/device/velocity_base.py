@@ -13,10 +13,10 @@ from typing import Final, Protocol
 
 from typing_extensions import override
 
-from eal_actors.device.differential_base import DifferentialBase, Drivetrain, WheelCalibration
+from eal_actors.device.differential_base import DifferentialBase, Drivetrain
 from eal_actors.device.plugin_context import PluginContext
 from eal_actors.device.resource import Activity
-from eal_actors.kernel.errors import ResourceFaultError, UnavailableError, UnsupportedError
+from eal_actors.kernel.errors import ResourceFaultError, UnavailableError
 
 _PERIOD_S: Final = 0.05
 _STUCK_S: Final = 3.0
@@ -80,16 +80,6 @@ class VelocityBase(DifferentialBase):
         Raises:
             UnavailableError: the link is down.
         """
-
-    @property
-    @override
-    def calibration(self) -> WheelCalibration:
-        return WheelCalibration()
-
-    @calibration.setter
-    def calibration(self, calibration: WheelCalibration) -> None:
-        if calibration != WheelCalibration():
-            raise UnsupportedError(f"a {self.drivetrain.name} robot calibrates its own wheels: set it in its driver")
 
     def get_status(self) -> int:
         """Return 0 while it stands, 1 while it moves."""

@@ -14,7 +14,8 @@ from typing import Any, Final
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.streams import Stream
-from eal_actors.device.data import DataType, EALData, ValueInfo
+from eal_actors.device.data import DataType, EALData
+from eal_actors.device.info import ValueInfo
 from eal_actors.kernel.clock import Clock, new_waiter
 from eal_actors.kernel.errors import EALError
 from eal_actors.kernel.log import get_logger

@@ -63,7 +63,7 @@ class AuditLog:
             self._listener.start()
 
     def close(self) -> None:
-        """Write what is left, and close the file. Thread: blocks the caller."""
+        """Write the rest, and close the file. Thread: blocks the caller."""
         if self._listener is not None:
             self._listener.stop()
             for handler in self._listener.handlers:
@@ -71,7 +71,7 @@ class AuditLog:
             self._listener = None
 
     def begin(self, user: Mapping[str, str], command: str, arguments: Mapping[str, Any]) -> Finish:
-        """Record the begin of a command; return what records its end, once."""
+        """Record the beginning of a command; return the function that records its end, once."""
         number = f"{self._process}-{next(self._numbers)}"
         self._write({"id": number, **user, "command": command, "arguments": arguments})
         is_open = [True]

@@ -55,7 +55,7 @@ def compare_runs(left: RunFolder, right: RunFolder, tolerance: float = 0.0) -> I
 
 @dataclass(frozen=True, slots=True)
 class PathDeviation:
-    """How far the paths of a robot in two runs are apart.
+    """The distance between the paths of a robot in two runs.
 
     Attributes:
         robot: its name.

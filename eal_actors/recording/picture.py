@@ -36,6 +36,8 @@ _HEADINGS: Final = 8
 """Arrows along a path."""
 _SMALL_ARROW: Final[dict[str, Any]] = {"angles": "xy", "scale": 34, "width": 0.0035, "alpha": 0.75, "zorder": 3}
 _POINTS_PER_INCH: Final = 72
+_MAP_IN: Final = 7.5
+"""The width of the map of a page."""
 _PICTURE: Final = "trajectory.png"
 
 
@@ -112,10 +114,15 @@ def draw_map(
     breaks_s: Sequence[float] = (),
     lost_s: Mapping[str, float] | None = None,
 ) -> MapPicture | None:
-    """Return the picture of `draw_trajectory`, for pages that draw on it; None when matplotlib is not installed."""
-    figure = _figure(paths, world, "", outcomes or {}, breaks_s, lost_s or {})
+    """Return the arena of `draw_trajectory`, for pages that draw on it; None when matplotlib is not installed."""
+    figure = new_figure(_MAP_IN, _MAP_IN)
     if figure is None:
         return None
+    axes = figure.subplots()
+    _draw_paths(axes, None, paths, world, outcomes or {}, breaks_s, lost_s or {})
+    _label(axes, "")
+    (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
+    figure.set_figheight(min(max(_MAP_IN * (north - south) / (east - west), _MAP_IN / 3), 1.5 * _MAP_IN))
     figure.set_dpi(_POINTS_PER_INCH)  # as the SVG is saved, so that the layout is the same
     out = io.StringIO()
     figure.savefig(out, format="svg")
@@ -139,6 +146,28 @@ def _figure(
     if figure is None:
         return None
     arena, headings = figure.subplots(2, 1, height_ratios=(3, 1))
+    _draw_paths(arena, headings, paths, world, outcomes, breaks_s, lost_s)
+    for break_s in breaks_s:
+        headings.axvline(break_s, color="black", linewidth=0.8, linestyle=":")
+    _label(arena, title)
+    tick_quarter_turns(headings)
+    headings.set(xlabel="fleet time [s]", ylabel="heading [°]")
+    draw_grid(headings)
+    if 0 < len(paths) <= _MOST_IN_LEGEND:
+        figure.legend(*arena.get_legend_handles_labels(), loc="outside right upper", frameon=False, handlelength=3.5)
+    return figure
+
+
+def _draw_paths(
+    arena: Axes,
+    headings: Axes | None,
+    paths: Mapping[str, Sequence[PoseSample]],
+    world: WorldModel | None,
+    outcomes: Mapping[str, str],
+    breaks_s: Sequence[float],
+    lost_s: Mapping[str, float],
+) -> None:
+    """Draw the robots' paths in their arena, and their headings over time if there are axes for them."""
     if world is not None:
         draw_arena(arena, world)
     for number, (name, path) in enumerate(paths.items()):
@@ -147,13 +176,8 @@ def _figure(
             style = _RobotStyle.of(number, outcome if outcome in _LOST else None, lost_s.get(name, path[-1].time_s))
             parts = split_at_breaks(path, breaks_s)
             _draw_path(arena, name, parts, style)
-            _draw_heading(headings, parts, style)
-    for break_s in breaks_s:
-        headings.axvline(break_s, color="black", linewidth=0.8, linestyle=":")
-    _label(arena, headings, title)
-    if 0 < len(paths) <= _MOST_IN_LEGEND:
-        figure.legend(*arena.get_legend_handles_labels(), loc="outside right upper", frameon=False, handlelength=3.5)
-    return figure
+            if headings is not None:
+                _draw_heading(headings, parts, style)
 
 
 def losses_of(report: Report) -> dict[str, float]:
@@ -179,13 +203,10 @@ def draw_run(run: RunFolder, report: Report, world: WorldModel | None) -> Path |
         return draw_trajectory(run.paths, world, run.path / _PICTURE, title, outcomes, run.breaks_s, losses_of(report))
 
 
-def _label(arena: Axes, headings: Axes, title: str) -> None:
-    tick_quarter_turns(headings)
+def _label(arena: Axes, title: str) -> None:
     arena.set_title(title, loc="left", fontsize=12)
     arena.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
-    headings.set(xlabel="fleet time [s]", ylabel="heading [°]")
-    for axes in (arena, headings):
-        draw_grid(axes)
+    draw_grid(arena)
 
 
 def _draw_path(axes: Axes, name: str, parts: Sequence[Sequence[PoseSample]], style: _RobotStyle) -> None:

@@ -7,14 +7,12 @@ from functools import cache
 from importlib.resources import files
 from typing import Any, Final
 
-from eal_actors.recording.picture import MapPicture
+from eal_actors.recording.picture import COLOURS, MapPicture
 from eal_actors.recording.player_media import player_media
 from eal_actors.recording.poses import PoseSample
 from eal_actors.recording.run_folder import RunFolder
 from eal_actors.recording.timeline import RunTimeline
 
-CHART: Final = (150, 1000)
-"""The left edge and the width of the time line's bars, in its own units."""
 _RADIUS_M: Final = 0.17
 _STILL_M: Final = 0.0005
 _STILL_RAD: Final = 0.001
@@ -26,24 +24,32 @@ def player_script() -> str:
     return (files("eal_actors.recording") / "templates" / "player.js").read_text(encoding="utf-8")
 
 
-def player_data(run: RunFolder, line: RunTimeline, picture: MapPicture) -> dict[str, Any]:
+def player_data(run: RunFolder, line: RunTimeline, picture: MapPicture | None) -> dict[str, Any]:
     """Return the paths and the steps of a run, and how the map is drawn; rounded to millimetres and milliseconds.
 
     Samples of a robot that stands still are left out but for the last one, so that pages of long runs stay small.
     """
-    steps = [
-        {"robot": name, "label": bar.label, "start_s": bar.start_s, "end_s": bar.end_s, "outcome": bar.outcome}
+    media = player_media(run)
+    radii_m = media.pop("radii_m")
+    robots = {
+        name: {
+            "colour": COLOURS[number % len(COLOURS)],
+            "radius_m": radii_m.get(name, _RADIUS_M),
+            **_columns(list(_moving(path))),
+        }
+        for number, (name, path) in enumerate(run.paths.items())
+        if path
+    }
+    steps = {
+        name: [{"label": bar.label, "start_s": bar.start_s, "end_s": bar.end_s, "outcome": bar.outcome} for bar in bars]
         for name, bars in line.bars.items()
-        for bar in bars
-    ]
+    }
     return {
         "duration_s": line.duration_s,
-        "radius_m": _RADIUS_M,
-        "map": [picture.zero_x, picture.zero_y, picture.scale_x, picture.scale_y],
-        "chart": CHART,
-        "robots": {name: _columns(list(_moving(path))) for name, path in run.paths.items() if path},
+        "map": picture and [picture.zero_x, picture.zero_y, picture.scale_x, picture.scale_y],
+        "robots": robots,
         "steps": steps,
-        **player_media(run),
+        **media,
     }
 
 

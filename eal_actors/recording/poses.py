@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import IO, Final, NamedTuple, Self
 
 from eal_actors.actors.handles import ResourceHandle
-from eal_actors.device.data import DataType, EALData, ValueInfo
+from eal_actors.device.data import DataType, EALData
+from eal_actors.device.info import ValueInfo
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.log import get_logger

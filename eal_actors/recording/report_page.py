@@ -98,10 +98,11 @@ def render_report(run: RunFolder, world: WorldModel | None = None) -> str:
         head=_head(run),
         robots=_robot_rows(run, line),
         arena=arena and arena.svg,
-        player=player_data(run, line, arena) if arena is not None else None,
+        player=player_data(run, line, arena),
         player_script=player_script(),
         outline=_outline_svg(run),
         chart=line,
+        contacts=run.summary.contacts if run.summary else [],
         ticks=_ticks(line.duration_s),
         skews=[event["start"] for event in run.events if event["event"] == "started_together"],
         latencies=_latencies(run),
@@ -127,6 +128,7 @@ def page_template(name: str) -> Template:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.policies["json.dumps_kwargs"] = {"sort_keys": False}  # robots stay in the order of the run
     environment.filters["seconds"] = lambda value: f"{value:.3f}"
     return environment.get_template(name)
 

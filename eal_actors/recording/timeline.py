@@ -71,12 +71,14 @@ class RunTimeline:
 
     Attributes:
         bars: the calls of each robot by its name, in the order of their ends.
+        losses: when each robot was out of reach, from and to; a robot that did not come back, until the end.
         log: log lines, retries, drops and errors.
         breaks_s: the times at which the run was resumed.
         duration_s: the time of the last event.
     """
 
     bars: dict[str, list[Bar]] = field(default_factory=dict)
+    losses: dict[str, list[tuple[float, float]]] = field(default_factory=dict)
     log: list[LogEntry] = field(default_factory=list)
     breaks_s: list[float] = field(default_factory=list)
     duration_s: float = 0.0
@@ -98,6 +100,7 @@ def timeline_of(events: Iterable[Mapping[str, Any]]) -> RunTimeline:
     """Return the time line of a run's events; a call that never ended lasts until the run was interrupted."""
     line = RunTimeline()
     begun: dict[tuple[str, str], Mapping[str, Any]] = {}
+    lost_s: dict[str, float] = {}
     for event in events:
         line.duration_s = max(line.duration_s, float(event["time_s"]))
         match event["event"]:
@@ -114,9 +117,16 @@ def timeline_of(events: Iterable[Mapping[str, Any]]) -> RunTimeline:
                 error = record["error"]["message"] if record["error"] else ""
                 bar = Bar(record["start_s"], record["end_s"], record["label"], record["step"], record["outcome"], error)
                 line.bars.setdefault(source_of(record), []).append(bar)
+            case "robot_lost":
+                lost_s.setdefault(event["robot"], event["time_s"])
+            case "robot_returned":
+                begin_s = lost_s.pop(event["robot"], event["time_s"])
+                line.losses.setdefault(event["robot"], []).append((begin_s, event["time_s"]))
         if (entry := log_entry_of(event)) is not None:
             line.log.append(entry)
     _add_unfinished(line, begun)
+    for robot, begin_s in lost_s.items():
+        line.losses.setdefault(robot, []).append((begin_s, line.duration_s))
     return line
 
 

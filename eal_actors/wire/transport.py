@@ -39,12 +39,16 @@ class Transport:
 
     Args:
         session: an open session.
+
+    Attributes:
+        is_relayed: whether a router passes the messages on, and may drop those that are not vital.
     """
 
     def __init__(self, session: zenoh.Session) -> None:
         import zenoh
 
         self.session: Final = session
+        self.is_relayed: Final = bool(session.info.routers_zid())
         self._priorities = zenoh.Priority.DATA, zenoh.Priority.REAL_TIME
         self._congestion = zenoh.CongestionControl.DROP, zenoh.CongestionControl.BLOCK
         self._subscribers: list[zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]] = []

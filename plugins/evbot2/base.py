@@ -14,6 +14,7 @@ from eal_actors.plugin import (
     Drivetrain,
     PluginContext,
     ResourceFaultError,
+    SlipWatch,
     UnavailableError,
     WheelCalibration,
 )
@@ -98,9 +99,12 @@ class Base(DifferentialBase):
     def _run(self, left_um: int, right_um: int, speed_um_s: int) -> Activity:
         lengths_m = left_um / _UM, right_um / _UM
         begun_m = self._odometer.travel_m
+        watch = SlipWatch(is_turn=left_um * right_um < 0)
 
         def report() -> None:
             gone_m = [now - then for now, then in zip(self._odometer.travel_m, begun_m, strict=True)]
+            reading = self._session.latest()
+            watch.update(reading.stamp_s, sum(map(abs, gone_m)) / 2, is_held=bool(reading.wheels.strain))
             self.progress(_share(gone_m, lengths_m))
 
         is_done = False

@@ -75,7 +75,7 @@ class Bump(_StatusSensor):
 
 
 class Battery(_StatusSensor):
-    """How full the battery is, 0 to 1."""
+    """The battery's charge, 0 to 1."""
 
     value = ValueInfo(DataType.DOUBLE, None, 0, 1, description="fraction of the capacity that is left")
 

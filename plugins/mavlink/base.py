@@ -11,7 +11,6 @@ from eal_actors.plugin import (
     Activity,
     ArgumentError,
     BlockedError,
-    Drivetrain,
     PluginContext,
     ResourceFaultError,
     VelocityBase,
@@ -42,16 +41,7 @@ class Base(VelocityBase):
 
     def __init__(self, context: PluginContext, link: MavLink) -> None:
         settings: Settings = context.settings
-        drivetrain = Drivetrain(
-            f"MAVLink {settings.vehicle}",
-            2 * settings.radius_m,
-            settings.speed_m_s,
-            settings.max_speed_m_s,
-            settings.turn_rate_deg_s,
-            settings.max_turn_rate_deg_s,
-            radius_m=settings.radius_m,
-        )
-        super().__init__(drivetrain, context)
+        super().__init__(settings.drivetrain(f"MAVLink {settings.vehicle}", track_m=2 * settings.radius_m), context)
         self._settings = settings
         self._link = link
         self._fence = None if settings.geofence is None else Fence(settings.geofence)
@@ -104,10 +94,7 @@ class Base(VelocityBase):
 
     @override
     def follow_path(self, path: Any) -> Activity:
-        numbers = path if isinstance(path, list | tuple) else path.ravel().tolist()
-        points = [(float(x_m), float(y_m)) for x_m, y_m in zip(numbers[::2], numbers[1::2], strict=True)]
-        if not points or not all(math.isfinite(number) for point in points for number in point):
-            raise ArgumentError("follow needs at least one waypoint of finite numbers x_m, y_m")
+        points = self.path_points(path)
         here = self._link.reading()
         for start, end in zip([(here.x_m, here.y_m), *points], points, strict=False):
             self._check_way(start, end)

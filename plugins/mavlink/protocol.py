@@ -13,7 +13,6 @@ from typing import Final
 
 from eal_actors.plugin import ArgumentError, wrapped_rad
 
-ARDUPILOT: Final = 3
 PX4: Final = 12
 GROUND_STATION: Final = 6
 ARMED: Final = 128

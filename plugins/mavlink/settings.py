@@ -6,14 +6,14 @@ from typing import Annotated, Literal
 
 from pydantic import field_validator
 
-from eal_actors.plugin import Field, PluginSettingsModel
+from eal_actors.plugin import Field, MobileBaseSettings
 
 from .fence import Fence
 
 Corner = Annotated[tuple[float, float], Field(strict=False)]
 
 
-class Settings(PluginSettingsModel):
+class Settings(MobileBaseSettings):
     """The plugin's settings in the fleet file."""
 
     port: str = Field(default="udp://0.0.0.0:14550", pattern=r"^(udp|tcp)://[^/\s:]+:\d{1,5}$|^/\S+$")
@@ -32,16 +32,6 @@ class Settings(PluginSettingsModel):
     """Corners x_m, y_m of the polygon that motions must not leave, in the map."""
     max_altitude_m: float = Field(default=10.0, gt=0, le=500)
     """Greatest altitude of a copter above its start."""
-    radius_m: float = Field(default=0.3, gt=0, le=10)
-    """Radius of the vehicle about its centre."""
-    speed_m_s: float = Field(default=0.5, gt=0, le=30)
-    """Usual speed."""
-    max_speed_m_s: float = Field(default=1.5, gt=0, le=30)
-    """Greatest speed."""
-    turn_rate_deg_s: float = Field(default=45.0, gt=0, le=1000)
-    """Usual turn rate."""
-    max_turn_rate_deg_s: float = Field(default=120.0, gt=0, le=1000)
-    """Greatest turn rate."""
     timeout_s: float = Field(default=3.0, gt=0, le=60)
     """Silence of the vehicle after which it is not ready, and a motion ends; in seconds of the fleet's clock."""
     odometry_timeout_s: float = Field(default=1.0, gt=0, le=60)

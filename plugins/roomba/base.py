@@ -13,6 +13,7 @@ from eal_actors.plugin import (
     Drivetrain,
     PluginContext,
     ResourceFaultError,
+    SlipWatch,
     UnavailableError,
     WheelCalibration,
     get_logger,
@@ -180,11 +181,12 @@ class RoombaBase(DifferentialBase):
     def _go(self, motion: TimedMotion, start_m: float, goal: MotionGoal, doubt: Travel) -> Activity:
         """Drive until the encoders have counted the motion's length; slow down before its end."""
         begun_s, changed_s = self._roomba.clock.now(), -math.inf
-        progress = MotionProgress(motion, start_m, begun_s)
+        progress, watch = MotionProgress(motion, start_m, begun_s), SlipWatch(is_turn=not motion.ahead)
         while True:
             reading, now_s, lag_s = self._roomba.latest(), self._roomba.clock.now(), self._roomba.lag_s
             self._check_motion(forward=motion.goes_forward)
             self._check_doubt(doubt)
+            watch.update(reading.stamp_s, motion.counted_m(reading), is_held=self.is_held())
             left_m = progress.update(reading, now_s)
             if progress.stalled_s > _STALL_S + lag_s:
                 self._roomba.doubt()

@@ -58,6 +58,10 @@ class RoombaBody(Protocol):
         """Return whether the left and the right bumper are pressed."""
         ...
 
+    def strained(self) -> bool:
+        """Return whether something blocks the motors."""
+        ...
+
     def drops(self) -> tuple[bool, bool, bool]:
         """Return whether the left wheel, the right wheel and the caster have dropped."""
         ...
@@ -216,6 +220,10 @@ class FreeRoombaBody(FreeDrive, RoombaBody):
     @override
     def bumps(self) -> tuple[bool, bool]:
         return self.bumped
+
+    @override
+    def strained(self) -> bool:
+        return self.is_stuck and self.is_driven
 
     @override
     def drops(self) -> tuple[bool, bool, bool]:

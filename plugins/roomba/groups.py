@@ -174,7 +174,7 @@ class PowerGroup:
 
     @property
     def fraction(self) -> float:
-        """How full the battery is, 0..1."""
+        """The charge of the battery, 0..1."""
         return min(1.0, self.charge_mah / self.capacity_mah) if self.capacity_mah else 0.0
 
     def check(self) -> None:

@@ -67,6 +67,7 @@ class Listener(ABC):
         self._next_poll_s: float | None = None
         self._left_m = self._right_m = 0.0
         self._trouble: str | None = None
+        self._unanswered_count = 0  # turns of the poller since the latest reading
         self._log = get_logger(robot=name)
 
     def is_due(self, time_s: float) -> bool:
@@ -86,7 +87,10 @@ class Listener(ABC):
             why = f" ({self._trouble})" if self._trouble else ""
             hint = "is the Roomba on and connected, and is the baud rate right?"
             return f"nothing answers on {self._link.name}{why}: {hint}"
-        return self._too_old(reading) if self.clock.now() - reading.stamp_s > self._silence_s else None
+        # A computer that was held up has not asked meanwhile: only a Roomba that was asked can be silent.
+        was_asked = self._unanswered_count >= POLLS_A_READING_LASTS
+        is_old = self.clock.now() - reading.stamp_s > self._silence_s
+        return self._too_old(reading) if is_old and was_asked else None
 
     def latest(self) -> RoombaReading:
         """Return the latest reading.
@@ -160,11 +164,12 @@ class Listener(ABC):
     def poll(self) -> Activity:
         """Poll forever, in spite of link errors. Only one caller may do so."""
         while True:
-            begun_s, self._next_poll_s = self.clock.now(), None
+            begun_s, self._next_poll_s, before = self.clock.now(), None, self._reading
             try:
                 yield from self._poll_turn()
             except UnavailableError as error:  # polling is retried; calls report the error meanwhile
                 self._note_trouble(error.message)
+            self._unanswered_count = self._unanswered_count + 1 if self._reading is before else 0
             while not self.is_due(due_s := self._due_s(begun_s)):
                 left_s = due_s - self.clock.now()
                 yield min(left_s, LOOK_S if self._link.is_busy else _SLICE_S)

@@ -103,27 +103,14 @@ def stream(packets: Sequence[int]) -> bytes:
     Raises:
         ArgumentError: there is no such packet.
     """
-    return _list(OiOp.STREAM, packets)
-
-
-def query_list(packets: Sequence[int]) -> bytes:
-    """Encode Query List: request packets once.
-
-    Raises:
-        ArgumentError: there is no such packet.
-    """
-    return _list(OiOp.QUERY_LIST, packets)
-
-
-def stream_on(*, on: bool) -> bytes:
-    """Encode Pause/Resume Stream."""
-    return bytes([OiOp.STREAM_ON, on])
-
-
-def _list(op: OiOp, packets: Sequence[int]) -> bytes:
     for packet in packets:
         if packet not in FORMS and packet not in GROUPS:
             raise ArgumentError(f"OI: there is no sensor packet {packet}")
     if len(packets) > 255:
         raise ArgumentError(f"OI: a list has 255 packets at most, not {len(packets)}")
-    return bytes([op, len(packets), *packets])
+    return bytes([OiOp.STREAM, len(packets), *packets])
+
+
+def stream_on(*, on: bool) -> bytes:
+    """Encode Pause/Resume Stream."""
+    return bytes([OiOp.STREAM_ON, on])

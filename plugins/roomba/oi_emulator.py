@@ -177,6 +177,7 @@ class OiEmulator(EmulatedRoomba):
         cliffs, power = self._body.cliffs(), power_of(self._body)
         return {
             packets.BUMPS_AND_DROPS: bits(bump_right, bump_left, drop_right, drop_left),
+            packets.OVERCURRENTS: bits(*[False] * 3, *[self._body.strained()] * 2),
             packets.WALL: int(self._body.wall()),
             **dict(zip(packets.CLIFFS, map(int, cliffs), strict=True)),
             **{

@@ -164,11 +164,6 @@ def wheel_speeds_m_s(velocity_mm_s: int, radius_mm: int, wheelbase_m: float = WH
     return left * speed_m_s * scale, right * speed_m_s * scale
 
 
-def motors(*, side_brush: bool = False, vacuum: bool = False, main_brush: bool = False) -> bytes:
-    """Encode Motors: switch the cleaning motors on or off."""
-    return bytes([Op.MOTORS, bits(side_brush, vacuum, main_brush)])
-
-
 def song(number: int, notes: Sequence[tuple[int, int]]) -> bytes:
     """Encode Song: store a song.
 

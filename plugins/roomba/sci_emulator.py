@@ -73,7 +73,9 @@ class SciEmulator(EmulatedRoomba):
 
     def _contacts(self) -> Contacts:
         (bump_left, bump_right), (drop_left, drop_right, caster) = self._body.bumps(), self._body.drops()
-        return Contacts(bump_right, bump_left, drop_right, drop_left, caster, self._body.wall(), *self._body.cliffs())
+        flags = bump_right, bump_left, drop_right, drop_left, caster, self._body.wall(), *self._body.cliffs()
+        strained = self._body.strained()
+        return Contacts(*flags, overcurrent_drive_right=strained, overcurrent_drive_left=strained)
 
     def _controls(self) -> Controls:
         distance_mm, angle_mm = self._travel_mm()

@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 
 from eal_actors.plugin import (
-    Drivetrain,
     EALError,
     FactoryPlugin,
     OdometryNoise,
@@ -102,16 +101,7 @@ def _add(makers: dict[str, Callable[[], Resource]], name: str, make: Callable[[]
 def _drive(
     context: PluginContext, session: RosSession, node: RosNode, types: MessageTypes, settings: DriveSettings
 ) -> dict[str, Callable[[], Resource]]:
-    drivetrain = Drivetrain(
-        "ros2",
-        settings.track_m,
-        settings.speed_m_s,
-        settings.max_speed_m_s,
-        settings.turn_rate_deg_s,
-        settings.max_turn_rate_deg_s,
-        settings.acceleration_m_s2,
-        settings.radius_m,
-    )
+    drivetrain = settings.drivetrain("ros2", settings.track_m, settings.acceleration_m_s2)
     twist = types.message("geometry_msgs/msg/TwistStamped" if settings.stamped else "geometry_msgs/msg/Twist")
     publisher = node.publisher(settings.cmd_vel, twist)
     odometer = RosOdometer(

@@ -21,6 +21,7 @@ from eal_actors.plugin import (
     Resource,
     ResourceType,
     ValueInfo,
+    json_object,
     request,
 )
 
@@ -34,6 +35,7 @@ from .transforms import TransformTree
 
 _MOST_JSON: Final = 1_000_000
 _POLL_S: Final = 0.05
+_FIELDS: Final = "a message needs a JSON object such as {}"
 
 
 class TopicReader:
@@ -156,7 +158,7 @@ class CompressedImageSensor(ImageSensor):
 
 
 class BatterySensor(TopicSensor):
-    """How full the battery is, 0 to 1."""
+    """The battery's charge, 0 to 1."""
 
     value = ValueInfo(DataType.DOUBLE, None, 0, 1, description="fraction of the capacity that is left")
 
@@ -265,7 +267,7 @@ class JsonPublisher(Resource):
             ArgumentError: the text is no JSON object, or does not fit the type.
             UnavailableError: the router is out of reach.
         """
-        self._publisher.publish(parse_fields(data.value))
+        self._publisher.publish(json_object(data.value, _FIELDS))
 
     @override
     def halt(self) -> None:
@@ -295,23 +297,8 @@ class ServiceCaller(Resource):
             UnavailableError: there is no answer in time.
             ResourceFaultError: the service answers with an error.
         """
-        response = yield from self._client.call(parse_fields(req), self._timeout_s)
+        response = yield from self._client.call(json_object(req, _FIELDS), self._timeout_s)
         return json.dumps(self._client.kind.response.to_dict(response), default=repr)
-
-
-def parse_fields(text: str) -> dict[str, Any]:
-    """Return the fields in a JSON object.
-
-    Raises:
-        ArgumentError: the text is none.
-    """
-    try:
-        found = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise ArgumentError(f"a message needs a JSON object such as {{}}: {error}") from None
-    if not isinstance(found, dict):
-        raise ArgumentError(f"a message needs a JSON object such as {{}}, not {text[:40]!r}")
-    return found
 
 
 _SENSORS: Final[dict[str, Callable[[TopicReader, str], TopicSensor]]] = {

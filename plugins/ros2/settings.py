@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator
 
-from eal_actors.plugin import Field, PluginSettingsModel
+from eal_actors.plugin import Field, MobileBaseSettings, PluginSettingsModel, Radius, Speed
 
 from .graph import check_name
 
@@ -43,7 +43,7 @@ class ServiceSettings(PluginSettingsModel):
     """Longest wait for the answer, in real seconds."""
 
 
-class DriveSettings(PluginSettingsModel):
+class DriveSettings(MobileBaseSettings):
     """The base: it is driven by velocities, and measured by odometry."""
 
     cmd_vel: RosName = "cmd_vel"
@@ -56,16 +56,12 @@ class DriveSettings(PluginSettingsModel):
     """Action of Nav2 that drives to a place, such as navigate_to_pose; None for our own closed loop."""
     track_m: float = Field(default=0.3, gt=0, le=10)
     """Distance of its wheels."""
-    radius_m: float = Field(default=0.2, gt=0, le=10)
+    radius_m: Radius = 0.2
     """Radius of the robot about its centre."""
-    speed_m_s: float = Field(default=0.2, gt=0, le=10)
+    speed_m_s: Speed = 0.2
     """Usual speed."""
-    max_speed_m_s: float = Field(default=0.5, gt=0, le=10)
+    max_speed_m_s: Speed = 0.5
     """Greatest speed."""
-    turn_rate_deg_s: float = Field(default=45.0, gt=0, le=1000)
-    """Usual turn rate."""
-    max_turn_rate_deg_s: float = Field(default=120.0, gt=0, le=1000)
-    """Greatest turn rate."""
     acceleration_m_s2: float = Field(default=0.4, gt=0, le=100)
     """Acceleration of each wheel."""
     odometry_timeout_s: float = Field(default=1.0, gt=0, le=60)

@@ -1,7 +1,7 @@
 """Wheel motions: what the wheels are commanded to travel, what the encoders count, and what the robot travels.
 
-A motion's duration is known in advance, because the encoders count the commanded travel: a robot that pushes against a
-wall finishes its motion too. Everything here is pure and counts in physics ticks. No clock is read.
+A motion's duration is known in advance, because the encoders count the commanded travel, also where something holds the
+robot. Everything here is pure and counts in physics ticks. No clock is read.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from typing_extensions import override
 
-from eal_actors.plugin import WheelCalibration
+from eal_actors.plugin import MOST_SLIP_M, MOST_TURN_SLIP_M, WheelCalibration
 
 from .arena import Pose2D
 from .models import Make
@@ -99,9 +99,11 @@ class WheelMotion:
 
     Attributes:
         noise_share: the share of a turn in place per metre of the left wheel; 0 for any other motion.
+        most_slip_m: the motion ends where the wheels have turned so far in vain.
     """
 
     noise_share = 0.0
+    most_slip_m = math.inf
 
     @property
     def remaining_s(self) -> float:
@@ -145,6 +147,7 @@ class Move(WheelMotion):
         self._travelled_m = 0.0
         if left * right < 0 and profile.length_m > 0:
             self.noise_share = 1.0 / (left * profile.length_m)
+        self.most_slip_m = MOST_TURN_SLIP_M if left * right < 0 else MOST_SLIP_M
 
     @classmethod
     def straight(

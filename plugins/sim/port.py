@@ -14,11 +14,10 @@ from urllib.parse import urlsplit
 from eal_actors.plugin import PluginContext, PluginError, UnavailableError
 
 from .arena import Pose2D
-from .battery import SimBattery
 from .models import MAKES
+from .parts import SimBattery, SimTurret
 from .robot import SimRobot
 from .sensors import dropped_wheels, is_wall_near, pressed_bumpers, seen_cliffs
-from .turret import SimTurret
 from .world import SimWorld, world_of
 
 _BUFFER_SIZE: Final = 65536

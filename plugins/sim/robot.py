@@ -14,12 +14,11 @@ import pymunk
 from eal_actors.plugin import Activity, Localizer, ResourceFaultError, UnavailableError, WheelCalibration
 
 from .arena import Pose2D, QuerySpace
-from .battery import SimBattery
 from .faults import HEALTHY, FaultSet
 from .free_robots import FreeRobots, FreeState
 from .models import Make
 from .motion import NormalNumbers, SimWheels, WheelMotion, WheelOdometer, moved
-from .turret import SimTurret
+from .parts import SimBattery, SimTurret
 from .velocity_drive import VelocityDrive
 
 REPORT_TICKS: Final = 2
@@ -51,6 +50,7 @@ class SimRobot:
         localizer: its pose estimate, once a Pose resource exists.
         turret: its turret, if it has one.
         sensor_generator: the noise source of all its sensors.
+        slipped_m: how far its wheels have turned in vain since its motion began.
 
     Thread: every member is for the holder of the world's lock.
     """
@@ -91,6 +91,7 @@ class SimRobot:
         self._last_pose = self._pose_before_last = self.next_pose
         self._queries: QuerySpace | None = None
         self._command_m = self._gone = self._wanted = (0.0, 0.0)
+        self.slipped_m = 0.0
 
     @property
     def space(self) -> pymunk.Space:
@@ -194,9 +195,7 @@ class SimRobot:
     def wheel_speeds_m_s(self) -> tuple[float, float]:
         """The commanded speeds of the left and the right wheel at this moment."""
         self._update()
-        if self._motion is None:
-            return 0.0, 0.0
-        left_m, right_m = self._command_m
+        left_m, right_m = self._command_m  # 0 while it stands
         return left_m / self.tick_s, right_m / self.tick_s
 
     @property
@@ -253,7 +252,7 @@ class SimRobot:
             self.report_odometry(self._now_s())
         if not (isinstance(self._motion, VelocityDrive) and isinstance(motion, VelocityDrive)):
             self._wheels.start(motion)
-        self._motion = motion
+        self._motion, self.slipped_m = motion, 0.0
 
     def stop(self) -> None:
         """Put the brakes on: it stands at once."""
@@ -304,7 +303,7 @@ class SimRobot:
 
     def is_done(self, now_s: float) -> bool:
         """Return whether its motion is over, or its battery empty, at the world's time `now_s`."""
-        if self._motion is None or self._motion.is_over:
+        if self._motion is None or self._motion.is_over or self.slipped_m > self._motion.most_slip_m:
             return True
         return self._battery.is_empty_after(now_s, self._wheels.turned_m)
 
@@ -315,6 +314,8 @@ class SimRobot:
         else:
             x_m, y_m, yaw_rad = self.pose
             self._gone = math.hypot(pose[0] - x_m, pose[1] - y_m), pose[2] - yaw_rad
+            arm_m, x_m, y_m, yaw_rad = self.make.track_m / 2, *self.next_pose
+            self.slipped_m += math.hypot(pose[0] - x_m, pose[1] - y_m) + abs(pose[2] - yaw_rad) * arm_m
         self._pose_before_last, self._last_pose, self._pose = self._last_pose, self._pose or pose, pose
 
     def join(self, free: FreeRobots, ticks: int) -> FreeState[float] | None:

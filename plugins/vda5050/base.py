@@ -14,13 +14,11 @@ from eal_actors.plugin import (
     Activity,
     ArgumentError,
     DifferentialBase,
-    Drivetrain,
     EALData,
     PluginContext,
     ResourceInfo,
     UnavailableError,
     UnsupportedError,
-    WheelCalibration,
 )
 
 from .link import AgvLink
@@ -44,31 +42,10 @@ class Base(DifferentialBase):
 
     def __init__(self, context: PluginContext, link: AgvLink) -> None:
         settings: Settings = context.settings
-        super().__init__(
-            Drivetrain(
-                "AGV",
-                settings.radius_m,
-                settings.speed_m_s,
-                settings.max_speed_m_s,
-                settings.turn_rate_deg_s,
-                settings.max_turn_rate_deg_s,
-                radius_m=settings.radius_m,
-            ),
-            context,
-        )
+        super().__init__(settings.drivetrain("AGV", track_m=settings.radius_m), context)
         self._clock = context.clock
         self._settings = settings
         self._link = link
-
-    @property
-    @override
-    def calibration(self) -> WheelCalibration:
-        return WheelCalibration()
-
-    @calibration.setter
-    def calibration(self, calibration: WheelCalibration) -> None:
-        if calibration != WheelCalibration():
-            raise UnsupportedError("an AGV calibrates its own wheels")
 
     @override
     def not_ready(self) -> str | None:
@@ -104,11 +81,7 @@ class Base(DifferentialBase):
 
     @override
     def follow_path(self, path: Any) -> Activity:
-        numbers = path if isinstance(path, list | tuple) else path.ravel().tolist()
-        places = [(float(x_m), float(y_m), None) for x_m, y_m in zip(numbers[::2], numbers[1::2], strict=True)]
-        if not places or not all(math.isfinite(number) for x_m, y_m, _ in places for number in (x_m, y_m)):
-            raise ArgumentError("follow needs at least one waypoint of finite numbers x_m, y_m")
-        return self._order(places)
+        return self._order([(x_m, y_m, None) for x_m, y_m in self.path_points(path)])
 
     @override
     def drive(self, distance_m: float, speed_m_s: float) -> Activity:

@@ -161,7 +161,7 @@ class EdgeState(Part):
 
 
 class ActionState(Part):
-    """How far an action is."""
+    """The state of an action."""
 
     action_id: str
     action_type: str | None = None

@@ -20,6 +20,7 @@ from eal_actors.plugin import (
     ResourceType,
     UnavailableError,
     ValueInfo,
+    json_object,
     request,
 )
 
@@ -42,7 +43,7 @@ class AgvResource(Resource):
 
 
 class Battery(AgvResource):
-    """How full the battery is, 0 to 1."""
+    """The battery's charge, 0 to 1."""
 
     types = ResourceType.SENSOR
     value = ValueInfo(DataType.DOUBLE, None, 0, 1, description="fraction of the capacity that is left")
@@ -153,13 +154,7 @@ class Actions(AgvResource):
 def _fields(text: str) -> dict[str, Any]:
     if text.isalnum():
         return {"actionType": text}
-    try:
-        found = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise ArgumentError(f"an action is its type or a JSON object: {error}") from None
-    if not isinstance(found, dict):
-        raise ArgumentError(f"an action is its type or a JSON object, not {text[:40]!r}")
-    return found
+    return json_object(text, "an action is its type or a JSON object")
 
 
 def _action(fields: dict[str, Any]) -> AgvAction:

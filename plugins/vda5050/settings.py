@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from eal_actors.plugin import Field
+from eal_actors.plugin import Field, MobileBaseSettings, Radius
 
 from ..mqtt.settings import BrokerSettings
 
 TopicLevel = Annotated[str, Field(pattern=r"^[^/+#$\s\x00]{1,100}$")]
 
 
-class Settings(BrokerSettings):
+class Settings(BrokerSettings, MobileBaseSettings):
     """The plugin's settings in the fleet file."""
 
     manufacturer: TopicLevel
@@ -22,16 +22,8 @@ class Settings(BrokerSettings):
     """The first level of the topics."""
     map_id: str | None = None
     """The map of the goals; None for the map that the AGV is on."""
-    radius_m: float = Field(default=0.5, gt=0, le=10)
-    """Radius of the AGV about its centre."""
-    speed_m_s: float = Field(default=0.5, gt=0, le=10)
-    """Usual speed: maxSpeed of the edges."""
-    max_speed_m_s: float = Field(default=1.5, gt=0, le=10)
-    """Greatest speed."""
-    turn_rate_deg_s: float = Field(default=45.0, gt=0, le=1000)
-    """Usual turn rate: maxRotationSpeed of the edges."""
-    max_turn_rate_deg_s: float = Field(default=120.0, gt=0, le=1000)
-    """Greatest turn rate."""
+    radius_m: Radius = 0.5
+    """Radius of the AGV about its centre. The usual speeds are maxSpeed and maxRotationSpeed of the edges."""
     goal_deviation_m: float = Field(default=0.1, gt=0, le=10)
     """Distance from a goal at which the AGV may say that it has arrived: allowedDeviationXY."""
     accept_timeout_s: float = Field(default=5.0, gt=0, le=300)

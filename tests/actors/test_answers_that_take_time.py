@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from eal_actors.actors.future import Future
-from eal_actors.device.data import DataType, ValueInfo
-from eal_actors.device.info import ResourceType
+from eal_actors.device.data import DataType
+from eal_actors.device.info import ResourceType, ValueInfo
 from eal_actors.device.resource import Activity, Resource, command, config, config_setter, request
 from eal_actors.kernel.errors import DeadlineError, ReturnTypeError, UnavailableError
 from tests.manual_clock import ManualClock

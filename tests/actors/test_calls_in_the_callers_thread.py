@@ -11,8 +11,8 @@ import pytest
 
 from eal_actors import gather
 from eal_actors.actors.many import read_many, send_many
-from eal_actors.device.data import DataType, ValueInfo
-from eal_actors.device.info import ResourceType
+from eal_actors.device.data import DataType
+from eal_actors.device.info import ResourceType, ValueInfo
 from eal_actors.device.resource import Resource, command
 from eal_actors.kernel.errors import EALError, ResourceFaultError, UnavailableError
 from eal_actors.kernel.lock_step import LockStepClock

@@ -5,8 +5,8 @@ from __future__ import annotations
 import threading
 from typing import Any
 
-from eal_actors.device.data import DataType, ValueInfo
-from eal_actors.device.info import ResourceType
+from eal_actors.device.data import DataType
+from eal_actors.device.info import ResourceType, ValueInfo
 from eal_actors.device.link import FaultyLink
 from eal_actors.device.resource import Resource
 from tests.robots import WAIT_S, running_robot

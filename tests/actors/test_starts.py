@@ -10,8 +10,8 @@ import pytest
 from eal_actors.actors.call import Call
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
-from eal_actors.device.data import DataType, EALData, ValueInfo
-from eal_actors.device.info import ResourceType
+from eal_actors.device.data import DataType, EALData
+from eal_actors.device.info import ResourceType, ValueInfo
 from eal_actors.device.resource import Activity, Resource, command
 from eal_actors.kernel.errors import (
     ArgumentError,

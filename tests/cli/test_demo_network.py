@@ -42,6 +42,7 @@ def test_servers_are_started_the_scenario_runs_and_they_are_stopped(
             socket.create_connection(("127.0.0.1", int(str(robot.address).rpartition(":")[2])))
 
 
+@pytest.mark.slow
 def test_a_robot_whose_port_is_taken_gets_a_free_one(
     start: Start, served_slides: Path, move: Path, tmp_path: Path
 ) -> None:

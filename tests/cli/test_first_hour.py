@@ -20,8 +20,6 @@ from PIL import Image
 from eal_actors.kernel.bundled import bundled_path
 from tests.cli.conftest import Program, Write
 
-PNG = b"\x89PNG\r\n\x1a\n"
-
 
 def test_a_problem_shows_its_line_with_a_caret(eal: Program, write: Write) -> None:
     file = write("f.yaml", "version: 1\nrobots:\n  a: {plugins: {sim: {model: roomba, pose: {x_m: 1}}}}\n")

@@ -40,6 +40,7 @@ def call(command: str) -> str:
     return f"{{send_cmd: {{resource: Base, cmd: '{command}'}}}}"
 
 
+@pytest.mark.slow
 def test_ten_thousand_steps_are_fine(look: Callable[[str], str]) -> None:
     steps = "".join(f"  - {call(f'r{number % 360}')}\n" for number in range(10_000))
     assert "30000 calls by 3 robots." in look(f"steps:\n- on: all\n  do:\n{steps}")
@@ -81,13 +82,15 @@ def nested_loops() -> str:
             f"steps: [{{on: all, do: [{{repeat: 1000000, do: [{call('r${i % 360}')}]}}]}}]\n",
             "s.yaml:4:47: steps[0].do[0].do[0]: the loops around this step give 1000000 combinations; at most 100000 ",
         ),
-        (
+        pytest.param(
             nested_loops(),
             "the loops around this step give 100001 combinations; at most 100000 can be checked",
+            marks=pytest.mark.slow,
         ),
-        (
+        pytest.param(
             f"steps: [{{on: all, do: [{{repeat: 60000, do: [{', '.join([call('r${i % 360}')] * 50)}]}}]}}]\n",
             "steps[0].do[0].do[1]: up to here, loops give more than 200000 combinations; the rest was not checked",
+            marks=pytest.mark.slow,
         ),
         (
             f"steps: [{{let: {{a: '[{', '.join(['range(10000)'] * 30)}]'}}}}]\n",

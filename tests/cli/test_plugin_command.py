@@ -92,6 +92,7 @@ def test_new_refuses_names_that_would_not_work(eal: Any, tmp_path: Path, name: s
     assert not (tmp_path / "own").exists()
 
 
+@pytest.mark.slow
 def test_check_tells_what_failed_and_why(eal: Any, slides: Path) -> None:
     folder = slides.parent / "plugins" / "slide"
     code = (folder / "plugin.py").read_text(encoding="utf-8")
@@ -107,6 +108,7 @@ def test_check_tells_what_failed_and_why(eal: Any, slides: Path) -> None:
     assert [check["check"] for check in found if check["outcome"] == "failed"] == ["keeps configuration"]
 
 
+@pytest.mark.slow
 def test_check_takes_settings_as_yaml(eal: Any) -> None:
     sim = bundled_path("plugins/sim")
     start = ["--setting", "start={x_m: 1, y_m: 0.5}"]

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import pty
 import shlex
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.managers.config import EALConfigManager
+from tests.program import eal_processes
 from tests.scenario_texts import scenario_of
 
 
@@ -44,3 +49,27 @@ def test_the_rate_can_be_chosen(eal: Any, write: Any, tmp_path: Path) -> None:
         assert EALConfigManager.load(run / "replay.yaml").fleet.rate == rate
     assert eal("replay", run, "--rate", "0").exit_code == 2
     assert "not possible with --serve" in eal("replay", run, "--rate", "max", "--serve").output.replace("\n", " ")
+
+
+@pytest.mark.slow
+def test_at_a_terminal_it_opens_the_page_with_the_player(eal: Any, write: Any, tmp_path: Path) -> None:
+    scenario = write("short.yaml", scenario_of("log: x", role="all"))
+    fleet = ("--fleet", bundled_path("fleets/sim.yaml"), "--rate", "max")
+    assert eal("run", scenario, *fleet, "--runs-dir", tmp_path / "runs", "--no-plot").exit_code == 0
+    (run,) = (tmp_path / "runs").iterdir()
+    opened = tmp_path / "opened"
+    os.mkfifo(opened)
+    browser = tmp_path / "bin" / "xdg-open"
+    browser.parent.mkdir()
+    browser.write_text(f'#!/bin/sh\necho "$1" > {opened}\n')
+    browser.chmod(0o755)
+    ours, theirs = pty.openpty()
+    environment = {**os.environ, "PATH": f"{browser.parent}:{os.environ['PATH']}"}
+    with eal_processes(tmp_path) as start:
+        process = start("replay", run, environment=environment, stdout=theirs)
+        assert opened.read_text().strip() == str(run / "report.html")
+        assert process.wait(60) == 0
+    os.close(theirs)
+    os.close(ours)
+    assert 'id="player-data"' in (run / "report.html").read_text(encoding="utf-8")
+    assert (run / "replay.yaml").exists()

@@ -120,6 +120,7 @@ def check_whole(record: McapContent, run: RunFolder, break_s: float) -> None:
     assert "resources.json" in record.attachments
 
 
+@pytest.mark.slow
 def test_a_run_that_was_cut_off_twice(eal: Any, killed: Path) -> None:
     torn = (killed / "run.mcap").read_bytes()
     assert eal("run", "--resume", killed, "--rate", "max").exit_code == 0

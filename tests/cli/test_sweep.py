@@ -91,6 +91,7 @@ def summaries(out: Path) -> dict[str, int]:
     return {file.parent.name: file.stat().st_mtime_ns for file in (out / "runs").glob("*/summary.json")}
 
 
+@pytest.mark.slow
 def test_the_table_says_of_every_run_what_a_run_by_itself_says(
     eal: Any, fleet: Path, ways: Path, tmp_path: Path
 ) -> None:
@@ -130,6 +131,7 @@ def test_the_table_says_of_every_run_what_a_run_by_itself_says(
 OPTIONS = ("--vary", "way_m=0.2:0.7:0.1", "--seeds", "1:2", "--jobs", "2")
 
 
+@pytest.mark.slow
 def test_a_sweep_that_was_killed_goes_on_and_makes_the_same_table(
     start: Start, fleet: Path, ways: Path, tmp_path: Path
 ) -> None:

@@ -68,6 +68,7 @@ def test_a_lens_is_found_from_a_folder_of_pictures(eal: Program, pictures: Path)
     assert yaml.safe_load(block)["lens"]["focal_px"] == pytest.approx([512, 512], rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_lens_is_found_with_the_camera_of_a_robot(eal: Program, pictures: Path, tmp_path: Path) -> None:
     fleet = tmp_path / "fleet.yaml"
     source = json.dumps(str(pictures))

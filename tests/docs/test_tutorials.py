@@ -163,6 +163,7 @@ def test_a_secure_fleet(tmp_path: Path) -> None:
     assert "listening at tls/127.0.0.1" in (tmp_path / "rover.log").read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(700)
 def test_a_card_with_evbotos_up_to_its_plan(tmp_path: Path) -> None:
     assert "qemu-amd64 robot: " in do(tutorial("evbotos-card"), tmp_path)

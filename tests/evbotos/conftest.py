@@ -7,14 +7,21 @@ from pathlib import Path
 import pytest
 
 from eal_actors.kernel.log import get_logger
-from evbotos.build import Build, has_kernel
+from evbotos.build import Build, cache_folder, kernel_key
 from evbotos.definitions import load_definitions
 from evbotos.hosttools import find_tool, needed_for
-from evbotos.model import Local
+from evbotos.lock import read_lock
+from evbotos.model import Local, Platform
 from evbotos.qemu import Machine
 from tests.evbotos.proof import Proof, give_keys, started
 
 _LOG = get_logger()
+
+
+def has_kernel(platform: Platform, lock_file: Path) -> bool:
+    """Return whether the cache holds the kernel, whose compilation takes longest."""
+    lock = read_lock(lock_file)
+    return lock is not None and (cache_folder(Local(version=1)) / "kernel" / kernel_key(platform, lock)).is_dir()
 
 
 @pytest.fixture(scope="session")
@@ -26,7 +33,9 @@ def proof(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     missing = [name for name in (*needed_for(platform), "qemu-system-x86_64", "ssh") if find_tool(name) is None]
     if missing:
         pytest.skip(f"not installed: {', '.join(missing)} (make evbotos-setup)")
-    if not (has_kernel(platform, image, Local(version=1)) or "evbotos" in request.config.getoption("markexpr")):
+    if not (
+        has_kernel(platform, found.lock_path(platform, image)) or "evbotos" in request.config.getoption("markexpr")
+    ):
         pytest.skip("no kernel in the cache yet; compiling it takes minutes: `make test-evbotos`")
     fleet, local = give_keys(folder)
     built = Build(platform, image, local, found.lock_path(platform, image), _LOG.info).run(folder / "out")

@@ -20,6 +20,10 @@ _SUFFIXES: Final = (".py", ".md", ".yaml", ".yml", ".js", ".html", ".j2", ".txt"
 PHRASES: Final[dict[str, str]] = {
     r'"""What ': "begin with a noun phrase or a verb: Return ..., The ...",
     r'"""Who ': "begin with a noun phrase or a verb",
+    r'"""Take in ': "apply, record, read",
+    r'"""Do nothing, as above': "give the reason",
+    r"\bnothing follows (?:it|them)\b": "is not an instruction",
+    r"\b(?:a|the) hand's wish\b": "the wanted velocity",
     r'"""See [A-Z`]': "use @override without a docstring",
     r"\bwhoever\b": "name the role: the caller, the lease holder, the reader",
     r"\bwhomever\b": "name the role",

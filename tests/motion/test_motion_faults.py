@@ -13,6 +13,7 @@ from eal_actors.kernel.errors import (
     DeadlineError,
     EALError,
     LocalizationError,
+    NotReadyError,
     PreemptedError,
     StoppedError,
 )
@@ -92,6 +93,34 @@ def test_a_tracker_that_is_lost_for_a_while_is_no_end() -> None:
         it.is_tracked = True
         assert it.until_done(motion) is None
         assert it.errors(1.5, 0.5, 90)[0] < 0.01
+
+
+@pytest.mark.parametrize("kind", ["evbot2", "evbot3"])
+def test_a_base_that_is_silent_for_a_while_is_no_end(kind: str) -> None:
+    """As behind a busy computer or a slow wire: the firmware stops by itself, and the motion goes on."""
+    with tracked(kind, 0) as it:
+        it.fix()
+        motion = it.robot.base.go_to(1.5, 0.5, 90)
+        it.until_moving(motion)
+        it.simulation.inject("body", dead=True)
+        it.simulation.advance(PATIENCE_S - 1.5)
+        assert not motion.done()
+        it.simulation.clear_faults("body")
+        it.simulation.advance(0.5)
+        assert it.until_done(motion) is None
+        assert it.errors(1.5, 0.5, 90)[0] < 0.01
+
+
+def test_a_base_that_stays_silent_is_said() -> None:
+    with tracked("evbot3", 0) as it:
+        it.fix()
+        motion = it.robot.base.go_to(1.5, 0.5)
+        it.until_moving(motion)
+        it.simulation.inject("body", dead=True)
+        it.simulation.advance(PATIENCE_S + 2.0)
+        assert isinstance(motion.exception(), NotReadyError), motion.exception()
+        assert "does not answer" in str(motion.exception())
+        assert_stands(it)
 
 
 def test_a_robot_that_is_carried_away_comes_back() -> None:

@@ -77,7 +77,7 @@ def answering(session: zenoh.Session, robot: str, asked: list[str] | None = None
 
 
 class Wire:
-    """A TCP link to a port of this machine that can be cut; new connections still get through.
+    """A TCP link to a port of this machine that can be held and cut; new connections still get through.
 
     Args:
         port: where the other end listens.
@@ -91,6 +91,8 @@ class Wire:
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.port = int(self._listener.getsockname()[1])
         self._ends: list[socket.socket] = []
+        self._flows = threading.Event()
+        self._flows.set()
         threading.Thread(target=self._accept, daemon=True).start()
 
     def _accept(self) -> None:
@@ -103,22 +105,33 @@ class Wire:
                     near.close()
                     continue
                 self._ends += [near, far]
-                for pair in ((near, far), (far, near)):
+                for pair in ((near, far, None), (far, near, self._flows)):
                     threading.Thread(target=self._carry, args=pair, daemon=True).start()
 
-    def _carry(self, source: socket.socket, sink: socket.socket) -> None:
+    def _carry(self, source: socket.socket, sink: socket.socket, flows: threading.Event | None) -> None:
         with contextlib.suppress(OSError):  # it is cut
             while data := source.recv(65536):
+                if flows is not None:
+                    flows.wait()
                 sink.sendall(data)
         for end in (source, sink):
             with contextlib.suppress(OSError):
                 end.shutdown(socket.SHUT_RDWR)
 
+    def hold(self) -> None:
+        """Hold back what the dialled end sends."""
+        self._flows.clear()
+
+    def flow(self) -> None:
+        """Let it pass again."""
+        self._flows.set()
+
     def cut(self) -> None:
-        """Cut the present connections."""
+        """Cut the present connections; what is held back is lost."""
         for end in self._ends:
             with contextlib.suppress(OSError):
                 end.shutdown(socket.SHUT_RDWR)
+        self._flows.set()
 
     def close(self) -> None:
         """Close the port and all connections."""

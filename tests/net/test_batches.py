@@ -14,8 +14,8 @@ import pytest
 
 from eal_actors import Fleet, gather
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.device.data import DataType, EALData, ValueInfo
-from eal_actors.device.info import ResourceType
+from eal_actors.device.data import DataType, EALData
+from eal_actors.device.info import ResourceType, ValueInfo
 from eal_actors.device.resource import Resource, command
 from eal_actors.kernel.clock import SystemClock
 from eal_actors.kernel.errors import ArgumentError, EALError, ProtocolError, StoppedError

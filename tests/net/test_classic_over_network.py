@@ -61,6 +61,7 @@ def test_square(fleet: Fleet) -> None:
     assert {name: before[name] for name in ROBOTS[:2]} == {name: after[name] for name in ROBOTS[:2]}
 
 
+@pytest.mark.slow
 def test_camera(fleet: Fleet, tmp_path: Path) -> None:
     assert camera.main(["camera.py", "evbot2-1", "50000", str(tmp_path)]) == 0
     pictures = sorted(tmp_path.glob("frame.*"))

@@ -134,6 +134,7 @@ def outlast_dead_man(robot: RobotHandle) -> None:
 # Absences.
 
 
+@pytest.mark.slow
 def test_half_of_a_fleet_is_absent(tmp_path: Path) -> None:
     rig = Rig(tmp_path, ("r1", "r2", "r3", "r4"))
     with servers(rig, "r1", "r3") as running, Fleet(rig.config) as fleet:
@@ -221,8 +222,7 @@ def test_a_flood_leaves_the_server_as_small_as_it_was(rig: Rig) -> None:
         for _ in range(4):  # 200 MB in all
             kinds = flood()
             assert BusyError in kinds
-            # A call that the flood loses on its way is unavailable: the robot has no record of it.
-            assert kinds <= {type(None), BusyError, UnsupportedError, StaleCommandError, UnavailableError}
+            assert kinds <= {type(None), BusyError, UnsupportedError, StaleCommandError}
         assert running["r1"].memory_bytes() - before < 80_000_000
         assert gauge.get_value().get().value == -42
 

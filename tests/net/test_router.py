@@ -172,7 +172,9 @@ class TestOpening:
         fleet = fleet_of({"routers": [router]}, {"r1": "router"})
 
         with (
-            pytest.raises(UnavailableError, match=f"{router}: no router answers there"),
+            pytest.raises(
+                UnavailableError, match=f"{router}: (no router answers there|the .* did not open)"
+            ),  # if busy
             open_session(robot_config(fleet, "r1"), timeout_s=0.3),
         ):
             pass

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import pytest
+
 from eal_actors import Fleet
 from eal_actors.kernel.errors import UnavailableError
 from tests.net.links import free_port
@@ -25,6 +27,7 @@ robots:
 """
 
 
+@pytest.mark.slow
 def test_robots_swap_places_over_the_network_and_one_is_lost(tmp_path: Path) -> None:
     file = tmp_path / "far.yaml"
     file.write_text(FLEET.format(ports=(free_port(), free_port())), encoding="utf-8")

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from eal_actors.actors.future import Future
-from eal_actors.device.data import DataType, ValueInfo
-from eal_actors.device.info import ResourceType
+from eal_actors.device.data import DataType
+from eal_actors.device.info import ResourceType, ValueInfo
 from eal_actors.device.resource import Resource, command, request
 from eal_actors.kernel.errors import (
     BusyError,

@@ -1,24 +1,42 @@
-"""The player of a report, in Chromium: where the robots are, the keys, and a long run of many robots."""
+"""The player of a report, in Chromium: hulls, values, frames and steps of a time, keys, and a long run of robots."""
 
 from __future__ import annotations
 
 import json
 import math
 import re
+import shutil
+from bisect import bisect_right
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Page, expect, sync_playwright
 
-from eal_actors.recording import RunFolder, render_report
+from eal_actors.device.data import EALData
+from eal_actors.device.world import WorldModel
+from eal_actors.recording import RunFolder, kept_world, messages, render_report, schemas
+from eal_actors.recording.mcap_file import RECORD_FILE, McapFile
 from eal_actors.recording.picture import draw_map
+from eal_actors.recording.player_media import player_media
 from eal_actors.recording.poses import PoseSample
+from eal_actors.recording.timeline import timeline_of
 from tests.chromium import FLAGS, MISSING, find_chromium
 
 ROBOTS, MINUTES, PERIOD_S = 20, 10, 0.1
 MOST_BYTES = 15_000_000
+MEASURE = """() => new Promise((done) => {
+    const start = performance.now(); let frames = 0; let spent = 0;
+    const shown = show; show = (at) => { const begun = performance.now();
+        shown(at); spent += performance.now() - begun; };
+    play(true);
+    const count = () => { frames += 1; const took = performance.now() - start;
+        if (took > 4000) done([frames / took * 1000, spent / frames]); else requestAnimationFrame(count); };
+    requestAnimationFrame(count); })"""
+"""Plays for four seconds; returns frames in a second, and milliseconds of script in a frame."""
 
 
 def test_the_coordinates_of_the_map_are_those_of_its_drawing() -> None:
@@ -32,6 +50,32 @@ def test_the_coordinates_of_the_map_are_those_of_its_drawing() -> None:
         assert any(math.dist(wanted, (float(x), float(y))) < 0.01 for x, y in drawn), wanted
 
 
+def test_a_long_plot_keeps_its_peaks(run: Path, tmp_path: Path) -> None:
+    copy = Path(shutil.copytree(run, tmp_path / "copy"))
+    file = McapFile(copy / RECORD_FILE)
+    for index in range(1500):
+        value = 9.0 if index == 1210 else -9.0 if index == 44 else math.sin(index / 100)
+        file.write(
+            "/r/Load", schemas.VALUE, index / 10, messages.value_message(index / 10, EALData.of(value, unit="N"))
+        )
+    file.close()
+    plot = player_media(RunFolder.open(copy))["plots"]["/r/Load"]
+    assert len(plot["v"]) <= 1000
+    assert plot["t"] == sorted(plot["t"])
+    assert dict(zip(plot["v"], plot["t"], strict=True)).items() >= {(9.0, 121.0), (-9.0, 4.4)}
+
+
+def test_a_robot_is_out_of_reach_until_it_is_back_or_to_the_end() -> None:
+    def event(kind: str, robot: str, time_s: float) -> dict[str, Any]:
+        return {"event": kind, "robot": robot, "time_s": time_s, "error": {"message": "gone"}}
+
+    lost = [event("robot_lost", "a", 1.0), event("robot_lost", "b", 2.0), event("robot_returned", "a", 3.5)]
+    line = timeline_of(
+        [{"event": "run_started", "time_s": 0.0, "robots": ["a", "b"]}, *lost, event("log", "a", 9.0) | {"text": ""}]
+    )
+    assert line.losses == {"a": [(1.0, 3.5)], "b": [(2.0, 9.0)]}
+
+
 @pytest.fixture
 def page() -> Iterator[Page]:
     program = find_chromium()
@@ -40,11 +84,64 @@ def page() -> Iterator[Page]:
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=program, args=list(FLAGS))
         page = browser.new_page()
+        page.set_default_timeout(60_000)
         errors: list[str] = []
         page.on("pageerror", lambda error: errors.append(str(error)))
         yield page
         browser.close()
     assert not errors
+
+
+def show(page: Page, run: RunFolder, file: Path, world: WorldModel | None = None) -> None:
+    file.write_text(render_report(run, world), encoding="utf-8")
+    page.goto(file.as_uri())
+
+
+def place_on_the_map(page: Page, robot: str) -> tuple[float, float]:
+    """Return where the page shows a robot, in the map frame."""
+    transform = page.locator(f"[data-robot='{robot}']").get_attribute("transform")
+    zero_x, zero_y, scale_x, scale_y = page.evaluate("data.map")
+    x, y = map(float, str(transform).removeprefix("translate(").removesuffix(")").split())
+    return (x - zero_x) / scale_x, (zero_y - y) / scale_y
+
+
+def test_one_time_moves_robots_values_frames_and_steps(run: Path, tmp_path: Path, page: Page) -> None:
+    folder = RunFolder.open(run)
+    show(page, folder, tmp_path / "report.html", kept_world(run))
+    for _ in range(2):
+        page.keyboard.press("ArrowRight")
+    for _ in range(3):
+        page.keyboard.press("Shift+ArrowLeft")
+    expect(page.locator("#player-clock")).to_have_text("1.70 s")
+    path = folder.paths["roomba-1"]
+    near = path[bisect_right([sample.time_s for sample in path], 1.7) - 1]
+    assert math.dist(place_on_the_map(page, "roomba-1"), near[1:3]) < 0.05
+    media = player_media(folder)
+    hull = page.locator("[data-robot='roomba-1'] circle").get_attribute("r")
+    assert float(str(hull)) == pytest.approx(media["radii_m"]["roomba-1"] * page.evaluate("data.map[2]"))
+    assert media["radii_m"]["roomba-1"] != media["radii_m"]["evbot3-1"]
+    plot = media["plots"]["/roomba-1/Compass"]
+    value = plot["v"][bisect_right(plot["t"], 1.7) - 1]
+    row = page.locator(".plot", has_text="roomba-1/Compass")
+    assert float(str(row.locator("output").text_content()).split()[0]) == pytest.approx(value, rel=1e-3)
+    frames = media["cameras"]["/roomba-1/Camera"]
+    frame = frames[bisect_right([at for at, _ in frames], 1.7) - 1][1]
+    camera = page.locator("#player-cameras img[alt='/roomba-1/Camera']")
+    expect(camera).to_have_attribute("src", frame)
+    assert camera.evaluate("async (image) => { await image.decode(); return image.naturalWidth; }") > 0
+    running = [step for step in timeline_of(folder.events).bars["roomba-1"] if step.start_s <= 1.7 <= step.end_s]
+    expect(page.locator("#player-now li", has_text="roomba-1")).to_contain_text(running[-1].label)
+
+    page.locator("#player-lines .lane").first.click(position={"x": 1, "y": 1})
+    assert page.evaluate("now") < 0.1
+    page.keyboard.press("End")
+    assert math.dist(place_on_the_map(page, "roomba-1"), path[-1][1:3]) < 0.002
+    page.keyboard.press("Home")
+    page.locator("#player-play").focus()
+    page.keyboard.press(" ")
+    page.wait_for_function("now > 0 && before !== null")
+    page.keyboard.press(" ")
+    page.wait_for_function("before === null")
 
 
 def long_run(folder: Path) -> RunFolder:
@@ -68,32 +165,38 @@ def long_run(folder: Path) -> RunFolder:
             x_m, y_m = (1 + 0.1 * number) * math.cos(angle), (1 + 0.1 * number) * math.sin(angle)
             lines.append(f"{name},{time_s:.3f},{x_m:.6f},{y_m:.6f},{angle + math.pi / 2:.6f}")
     (folder / "trajectory.csv").write_text("\n".join(lines) + "\n")
+    write_sensors(folder / RECORD_FILE, names, end_s)
     return RunFolder.open(folder)
+
+
+def write_sensors(path: Path, names: list[str], end_s: float) -> None:
+    """Write a record with hulls, five values a second of each robot, and two frames a second of one camera."""
+    file, noise = McapFile(path), np.random.default_rng(1)
+    file.write("/robots", schemas.SCENE, 0.0, messages.hull_message(dict.fromkeys(names, 0.17)))
+    for index in range(int(5 * end_s)):
+        time_s = index / 5
+        for name in names:
+            value = EALData.of(1 - time_s / 1000 + 0.01 * noise.random())
+            file.write(f"/{name}/Battery", schemas.VALUE, time_s, messages.value_message(time_s, value))
+    for index in range(int(2 * end_s)):
+        picture = cv2.resize(noise.integers(0, 255, (48, 64, 3), np.uint8), (640, 480))
+        frame = messages.image_message(index / 2, "camera", cv2.imencode(".jpg", picture)[1].tobytes(), "jpeg")
+        file.write(f"/{names[0]}/Camera", schemas.IMAGE, index / 2, frame)
+    file.close()
 
 
 @pytest.mark.slow
 def test_ten_minutes_of_twenty_robots_are_a_small_page_that_moves(tmp_path: Path, page: Page) -> None:
-    run = long_run(tmp_path / "run")
-    file = tmp_path / "report.html"
-    file.write_text(render_report(run), encoding="utf-8")
+    """With a plot for each robot and a camera; frames are left out evenly so that the page stays small."""
+    run, file = long_run(tmp_path / "run"), tmp_path / "report.html"
+    show(page, run, file)
     size = file.stat().st_size
     assert size < MOST_BYTES
-    page.goto(file.as_uri())
+    assert page.locator(".plot").count() == ROBOTS
+    assert page.evaluate("data.cameras['/robot-0/Camera'].length") > 50
     page.keyboard.press("End")
-    marker = page.locator("#map svg > g:has(circle)").first.get_attribute("transform")
-    data = json.loads(page.locator("#player-data").text_content() or "")
-    zero_x, zero_y, scale_x, scale_y = data["map"]
-    last = run.paths["robot-0"][-1]
-    wanted = f"translate({zero_x + last.x_m * scale_x:.2f} {zero_y - last.y_m * scale_y:.2f})"
-    shown = [float(word) for word in str(marker).removeprefix("translate(").removesuffix(")").split()]
-    assert shown == pytest.approx([float(word) for word in wanted[10:-1].split()], abs=0.1)
-    frames = page.evaluate(
-        """() => new Promise((done) => {
-            let frames = 0; const start = performance.now();
-            document.getElementById('player-play').click();
-            const count = () => { frames += 1; const took = performance.now() - start;
-                if (took > 2000) done(frames / took * 1000); else requestAnimationFrame(count); };
-            requestAnimationFrame(count); })"""
-    )
-    print(f"{size / 1e6:.2f} MB, {frames:.0f} frames/s")  # noqa: T201  # shown with -s
-    assert frames > 0
+    assert place_on_the_map(page, "robot-0") == pytest.approx(run.paths["robot-0"][-1][1:3], abs=0.002)
+    page.keyboard.press("Home")
+    frames_s, script_ms = page.evaluate(MEASURE)
+    print(f"{size / 1e6:.2f} MB, {frames_s:.0f} frames/s, {script_ms:.2f} ms of script a frame")  # noqa: T201
+    assert page.evaluate("now") > 0

@@ -76,7 +76,7 @@ def test_a_run_whose_controller_crashed_has_a_page_too(run: Path, tmp_path: Path
     (copy / "events.jsonl").write_text("\n".join(text[:5]) + "\n")
     page = render_report(RunFolder.open(copy))
     assert "the record is incomplete" in page
-    assert re.search(r'class="unfinished"', page)
+    assert re.search(r'class="bar unfinished"', page)
 
 
 def test_parallel_calls_take_two_rows() -> None:

@@ -31,7 +31,9 @@ def over_ideal(report: Report) -> float:
     return float(max(move.end_s for move in moves) / ideal_s - 1.0)
 
 
-@pytest.mark.parametrize(("fleet", "robots", "most"), [("sim", 3, 0.03), ("swarm", 100, 0.05)])
+@pytest.mark.parametrize(
+    ("fleet", "robots", "most"), [("sim", 3, 0.03), pytest.param("swarm", 100, 0.05, marks=pytest.mark.slow)]
+)
 def test_a_dance_takes_little_longer_than_its_slowest_dancer(fleet: str, robots: int, most: float) -> None:
     report = dance(fleet)
 

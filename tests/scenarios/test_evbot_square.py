@@ -32,6 +32,7 @@ def tolerance(make: str) -> float:
     return 8 * (step_m + step_m / TRACK_M[make] * 0.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", ["evbot2", "evbot3"])
 def test_in_lock_step_it_ends_where_it_began_by_the_odometry(make: str) -> None:
     robots: dict[str, Any] = {

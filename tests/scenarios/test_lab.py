@@ -84,6 +84,7 @@ def carry_out(fleet: Fleet, name: str) -> Report:
     return run_scenario(scenario, fleet, binding={role: list(WIRES.values())})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "drives", "turns", "yaw_deg"), [("square", 8, 8, 0.0), ("dance", 0, 7, 45 - 90 + 90 - 10 + 10 - 10)]
 )
@@ -184,7 +185,12 @@ def test_the_lab_tells_what_it_started_and_where_the_robots_got_to(lab: Callable
 
 
 @pytest.mark.parametrize(
-    "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow), signal.SIGKILL]
+    "number",
+    [
+        pytest.param(signal.SIGINT, marks=pytest.mark.slow),
+        pytest.param(signal.SIGTERM, marks=pytest.mark.slow),
+        signal.SIGKILL,
+    ],
 )
 def test_no_emulator_outlives_the_lab(lab: Callable[[str], subprocess.Popen[str]], number: signal.Signals) -> None:
     process = lab("3000")

@@ -44,7 +44,12 @@ def content_of(file: Path) -> bytes:
 
 
 @pytest.mark.parametrize(
-    "scenario", ["dance.yaml", "square.yaml", pytest.param("panorama.yaml", marks=pytest.mark.slow)]
+    "scenario",
+    [
+        pytest.param("dance.yaml", marks=pytest.mark.slow),
+        "square.yaml",
+        pytest.param("panorama.yaml", marks=pytest.mark.slow),
+    ],
 )
 def test_two_processes_write_the_same_files(scenario: str, tmp_path: Path) -> None:
     first = traces_of(scenario, tmp_path / "first", 1)
@@ -58,6 +63,7 @@ def test_another_seed_writes_other_files(tmp_path: Path) -> None:
     assert first["trajectory.csv"] != other["trajectory.csv"]
 
 
+@pytest.mark.slow
 def test_tasks_repeat_too(tmp_path: Path) -> None:
     fleet = tmp_path / "fleet.yaml"
     text = (ROOT / "fleets/sim.yaml").read_text().replace("worlds/empty.yaml", str(ROOT / "fleets/worlds/empty.yaml"))

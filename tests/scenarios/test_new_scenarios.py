@@ -93,6 +93,7 @@ def worst_m(simulation: Simulation, rule: Formation) -> float:
     return max(min(math.dist((place.x_m, place.y_m), point) for point in at) for place in formation_poses(rule))
 
 
+@pytest.mark.slow
 def test_a_shape_is_formed_without_near_misses() -> None:
     with (
         Simulation(fleet_file("formation")) as simulation,
@@ -124,6 +125,7 @@ def test_a_robot_that_cannot_reach_its_place_fails_the_formation(tmp_path: Path)
 # Patrol.
 
 
+@pytest.mark.slow
 def test_the_patrol_reports_moved_things_and_ignores_noise(tmp_path: Path) -> None:
     with Simulation(fleet_file("patrol")) as simulation:
         for guard in ("evbot3-1", "evbot3-2"):

@@ -318,7 +318,7 @@ def test_the_command_says_who_hit_what_when_where_and_doing_what(
     hit = eal(scenario, "--fleet", file, "--set", "metres=1", "--seed", 5)
     assert hit.exit_code == 1
     lines = hit.stdout.splitlines()
-    assert lines[-1] == "collide on trial, seed 5: 1 hit"
+    assert lines[-1] == "collide on trial, seed 5: 1 hit, 1 run not done"
     assert lines[-2].endswith(f"seed 5  a hits b at x 0.16 m, y 0.00 m during a send_cmd Base f1 ({scenario}:9)")
 
     told_as_json = eal(scenario, "--fleet", file, "--set", "metres=1", "--seeds", 2, "--margin", 0.2, "--json")

@@ -67,6 +67,7 @@ def test_dance_is_synchronized_step_by_step(sim: Fleet, tmp_path: Path) -> None:
         assert commands(report, robot) == [*DANCE, "s"]
 
 
+@pytest.mark.slow
 def test_panorama_takes_eight_pictures(sim: Fleet, tmp_path: Path) -> None:
     from matplotlib.image import imread
 

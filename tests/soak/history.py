@@ -130,12 +130,12 @@ class History:
         return [fault.span for fault in self.faults if fault.target == target and fault.kind in kinds]
 
     def read_robot(self, robot: str, lines: Iterable[str]) -> None:
-        """Take in what a robot wrote."""
+        """Apply a line that a robot wrote."""
         words = (line.split() for line in lines)
         self.notes[robot] = [Note(float(time_s), event, int(number)) for time_s, event, number in words]
 
     def read_controller(self, name: str, lines: Iterable[str]) -> None:
-        """Take in what a process of a controller wrote; a last line that a kill has cut off is passed over."""
+        """Apply the lines of a controller's process; a last line that a kill has cut off is ignored."""
         life = self.lives[name] = ControllerLife(name)
         for line in lines:
             time_text, event, *words = line.split()

@@ -19,6 +19,7 @@ MOST_FILES: Final = 8
 MOST_MEMORY_BYTES: Final = 12_000_000
 """How much a process may grow between the first and the last third of a soak."""
 _BAD_WORDS: Final = ("Traceback", "crashed", "a query failed", "was left behind", "is abandoned", "did not end in time")
+_LATE_START: Final = "not all robots were ready for the warden in time: what grew afterwards is partly their start"
 _SHOWN: Final = 5
 
 
@@ -84,6 +85,7 @@ class Report:
         """Judge what a soak left."""
         growths = [Growth.of(name, samples) for name, samples in sorted(outcome.samples.items())]
         findings = {name: list(check(outcome.history)) for name, check in CHECKS.items()}
+        findings["everybody finds together before the first fault"] = [] if outcome.is_started else [_LATE_START]
         findings["no growth of threads, files and memory"] = [
             problem for growth in growths for problem in growth.problems()
         ]

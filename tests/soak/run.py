@@ -27,6 +27,8 @@ PLUGINS: Final = Path(__file__).parent / "plugins"
 LEASE_S: Final = 1.0
 DEAD_MAN_S: Final = 1.0
 SAMPLE_EACH_S: Final = 2.0
+START_S: Final = 240.0
+"""How long all processes together may take to start and connect; growth is counted from then on."""
 RECOVERY_S: Final = 60.0
 COMMANDS_A_LIFE: Final = 1_000_000
 DELAYS_S: Final = (0.02, 0.1, 0.3, 0.6)
@@ -69,6 +71,7 @@ class Outcome:
         history: what everybody wrote down.
         samples: what each process that was never killed took, over time.
         logs: what robots and controllers said.
+        is_started: whether everybody had found together before the first fault.
         exits: processes that ended otherwise than they should.
         shared_left: segments of shared memory that nobody removed.
     """
@@ -77,6 +80,7 @@ class Outcome:
     history: History
     samples: dict[str, list[Sample]] = field(default_factory=dict)
     logs: list[Path] = field(default_factory=list)
+    is_started: bool = True
     exits: list[str] = field(default_factory=list)
     shared_left: list[str] = field(default_factory=list)
 
@@ -117,12 +121,12 @@ class Soak:
             stack.enter_context(watching(self._pids, self.outcome.history))
             for robot in self._robots:
                 self._start_robot(robot)
-            self._wait(lambda: all(self._is_listening(robot) for robot in self._robots))
+            self._wait(lambda: all(self._is_listening(robot) for robot in self._robots), START_S)
             for controller in CONTROLLERS:
                 self._start_controller(controller)
-            self._wait(self._all_are_ready)
+            self.outcome.is_started = self._wait(self._all_are_ready, START_S)
             self._suffer()
-            self._wait(self._all_are_ready)
+            self._wait(self._all_are_ready, RECOVERY_S)  # that it did not happen shows in the checks
             self.outcome.history.end_s = now_s()
             self._end_all()
         self._read()
@@ -187,11 +191,12 @@ class Soak:
                 states.clear()
         return [states.get(robot) for robot in self._robots] == ["ready"] * len(self._robots)
 
-    def _wait(self, happens: Callable[[], bool]) -> None:
-        """Wait for something; that it did not happen shows in the checks."""
-        end_s = now_s() + RECOVERY_S
-        while not happens() and now_s() < end_s:
+    def _wait(self, happens: Callable[[], bool], timeout_s: float) -> bool:
+        """Wait for something; return whether it happens in time."""
+        end_s = now_s() + timeout_s
+        while not (has_happened := happens()) and now_s() < end_s:
             REAL_TIME.sleep(_LOOK_EACH_S)
+        return has_happened
 
     def _end_all(self) -> None:
         for name in [*CONTROLLERS, *self._robots]:

@@ -191,7 +191,7 @@ def test_what_grows_is_found(memory_bytes: int, threads: int, engine_threads: in
 def test_a_report_tells_every_finding() -> None:
     history = good()
     history.read_robot("r1", R1.replace("20.05 mark 2", "20.05 mark 2\n21.0 mark 2").splitlines())
-    outcome = Outcome(Plan(robots=1, duration_s=80.0), history, exits=["r1 ended with 1"])
+    outcome = Outcome(Plan(robots=1, duration_s=80.0), history, is_started=False, exits=["r1 ended with 1"])
     outcome.samples["warden"] = [Sample(n, 50_000_000, 7, 9, 20, frozenset()) for n in range(10)]
     report = Report.of(outcome)
     assert not report.holds
@@ -199,5 +199,6 @@ def test_a_report_tells_every_finding() -> None:
     for text in (tables(report.to_dict()), "\n".join(report.lines())):
         assert "r1: command 2 ran 2 times" in text
         assert "r1 ended with 1" in text
+        assert "not all robots were ready" in text
     assert "| fault | times |\n| --- | --- |\n| freeze | 1 |\n| kill | 1 |" in tables(report.to_dict())
     assert "| warden | +0.0 MB | 50 MB | +0 | +0 | +0 |" in tables(report.to_dict())

@@ -142,6 +142,7 @@ def test_robots_are_halted_and_gone_when_the_test_is_over(pytester: pytest.Pytes
     result.assert_outcomes(passed=2)
 
 
+@pytest.mark.slow
 def test_the_tests_of_the_documentation_pass(pytester: pytest.Pytester) -> None:
     page = (ROOT / "docs/testing.md").read_text()
     blocks = [block for block in PYTHON_BLOCK.findall(page) if "def test_" in block]

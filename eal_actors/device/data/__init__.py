@@ -3,6 +3,5 @@
 from eal_actors.device.data.c_types import DataType
 from eal_actors.device.data.storage import Payload
 from eal_actors.device.data.value import EALData
-from eal_actors.device.data.value_info import ValueInfo
 
-__all__ = ["DataType", "EALData", "Payload", "ValueInfo"]
+__all__ = ["DataType", "EALData", "Payload"]

@@ -8,8 +8,8 @@ from typing import Final
 
 from typing_extensions import override
 
-from eal_actors.device.data import DataType, EALData, ValueInfo
-from eal_actors.device.info import CommandInfo, ResourceInfo, ResourceType
+from eal_actors.device.data import DataType, EALData
+from eal_actors.device.info import CommandInfo, ResourceInfo, ResourceType, ValueInfo
 from eal_actors.device.localization.localizer import FixOutcome, Localizer
 from eal_actors.device.localization.pose_estimate import PoseEstimate
 from eal_actors.device.resource import Resource, request

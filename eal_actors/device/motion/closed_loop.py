@@ -1,6 +1,7 @@
 """The activity of a closed-loop motion: twenty times a second it reads the pose and sets a twist.
 
-A twist ends by itself when the loop does not renew it, so a loop that is late or gone never leaves a robot driving.
+A twist ends by itself when the loop does not renew it, so a loop that is late or gone never leaves a robot driving. A
+busy computer or a slow wire may keep readings away for a second or two: the robot stands meanwhile, and then drives on.
 """
 
 from __future__ import annotations
@@ -22,12 +23,12 @@ from eal_actors.device.motion.route_controller import (
 )
 from eal_actors.device.resource import Activity
 from eal_actors.kernel.clock import Clock
-from eal_actors.kernel.errors import BlockedError, LocalizationError
+from eal_actors.kernel.errors import BlockedError, EALError, LocalizationError, UnavailableError
 
 PERIOD_S: Final = 0.05
 """Between two twists."""
 PATIENCE_S: Final = 5.0
-"""A robot that has not come nearer to its goal for so long gives up."""
+"""A robot that has not come nearer to its goal, or whose readings have been away, for so long gives up."""
 MOST_YAW_RAD: Final = math.radians(30)
 """Greatest standard deviation of the yaw with which a robot drives."""
 
@@ -109,6 +110,10 @@ class ProgressWatch:
             self._best_rad, self._nearer_s = abs(turn_left_rad), now_s
         return now_s - self._nearer_s
 
+    def excuse(self, duration_s: float) -> None:
+        """Leave out a time in which the robot had to stand."""
+        self._nearer_s += duration_s
+
 
 class HoldWatch:
     """Pauses a robot that is held: its wheels may spin, and its odometry counts that.
@@ -159,21 +164,27 @@ class ClosedLoop:
         self._twist = STANDSTILL
         self._obstacle = ""
         self._holds = HoldWatch(device.clock.now())
+        self._silent_since_s: float | None = None
 
     def run(self) -> Activity:
         """Drive to the goal, and return 1 at rest there; any other end stops the motors.
 
         Raises:
             BlockedError: it does not come nearer to its goal.
-            LocalizationError: the pose is unknown, too old or too uncertain.
+            LocalizationError: the pose is too uncertain, or stays too old.
+            UnavailableError: the base stays silent.
         """
         clock = self._device.clock
         watch, rest_s, stepped_s = ProgressWatch(clock.now()), 0.0, clock.now() - PERIOD_S
-        whole_m = max(self._controller.left_m(self._pose(clock.now())), _MARGIN_M)
+        whole_m = 0.0
         try:
             while rest_s < _REST_S:
+                pose = yield from self._fresh_pose()
                 now_s = clock.now()
-                pose = self._pose(now_s)
+                if self._silent_since_s is not None:
+                    watch.excuse(now_s - stepped_s)
+                    stepped_s = now_s - PERIOD_S
+                whole_m = whole_m or max(self._controller.left_m(pose), _MARGIN_M)
                 self._twist = self._next_twist(pose, now_s - stepped_s)
                 rest_s = rest_s + now_s - stepped_s if self._controller.is_at_goal else 0.0
                 stepped_s, left_m = now_s, self._controller.left_m(pose)
@@ -210,30 +221,59 @@ class ClosedLoop:
         why = self._obstacle or "see whether the goal is reachable, its wheels turn, and its pose is right"
         return BlockedError(f"halted {left_m:.2f} m from its goal: for {PATIENCE_S:g} s it has not come nearer: {why}")
 
-    def _pose(self, now_s: float) -> PlanarPose:
+    def _fresh_pose(self) -> Activity:
+        """Return the pose; the robot stands until there is a fresh one.
+
+        Raises:
+            LocalizationError: the pose is too uncertain, or stays too old.
+            UnavailableError: the base stays silent.
+        """
+        while True:
+            now_s = self._device.clock.now()
+            try:
+                estimate = self._device.estimate(now_s)
+            except UnavailableError as error:
+                self._wait_out(error)
+            else:
+                pose, age_s = self._pose(estimate, now_s), now_s - estimate.stamp_s
+                if age_s <= _STALE_S or self._controller.is_within(pose, STAYS):
+                    return pose
+                self._wait_out(self._lost(pose, f"its pose is {age_s:.2f} s old, and may be {_STALE_S:g} s old"))
+            yield PERIOD_S
+
+    def _wait_out(self, error: EALError) -> None:
+        """Let the robot stand, as its base does by itself without new twists; raise the error if it lasts."""
+        now_s = self._device.clock.now()
+        if self._silent_since_s is None:
+            self._silent_since_s = now_s
+        if now_s - self._silent_since_s > PATIENCE_S:
+            raise error
+        self._twist = self._controller.pause()
+
+    def _pose(self, estimate: PoseEstimate, now_s: float) -> PlanarPose:
         """Return the pose now: the estimate, and what the last twist has added since.
 
         Raises:
-            LocalizationError: the pose is too old or too uncertain, and not at the goal.
+            LocalizationError: the pose is too uncertain, and not at the goal.
         """
-        estimate = self._device.estimate(now_s)
-        age_s = max(now_s - estimate.stamp_s, 0.0)
+        age_s = min(max(now_s - estimate.stamp_s, 0.0), _STALE_S)
         x_m, y_m, yaw_rad = estimate.x_m, estimate.y_m, estimate.yaw_rad
         if age_s:
-            half_rad = self._twist.turn_rate_rad_s * min(age_s, _STALE_S) / 2
-            way_m = self._twist.speed_m_s * min(age_s, _STALE_S)
+            half_rad = self._twist.turn_rate_rad_s * age_s / 2
+            way_m = self._twist.speed_m_s * age_s
             x_m += way_m * math.cos(yaw_rad + half_rad)
             y_m += way_m * math.sin(yaw_rad + half_rad)
             yaw_rad += 2 * half_rad
         pose = x_m, y_m, yaw_rad
-        why = self._why_unsure(estimate, age_s)
+        why = self._why_unsure(estimate)
         if why is not None and not self._controller.is_within(pose, STAYS):
-            raise LocalizationError(f"halted {self._controller.errors(pose)[0]:.2f} m from its goal: {why}")
+            raise self._lost(pose, why)
         return pose
 
-    def _why_unsure(self, estimate: PoseEstimate, age_s: float) -> str | None:
-        if age_s > _STALE_S:
-            return f"its pose is {age_s:.2f} s old, and may be {_STALE_S:g} s old"
+    def _lost(self, pose: PlanarPose, why: str) -> LocalizationError:
+        return LocalizationError(f"halted {self._controller.errors(pose)[0]:.2f} m from its goal: {why}")
+
+    def _why_unsure(self, estimate: PoseEstimate) -> str | None:
         std_m, std_rad = estimate.position_std_m, estimate.yaw_std_rad
         if not (std_m <= self._most_m and std_rad <= MOST_YAW_RAD):
             return (
@@ -243,7 +283,11 @@ class ClosedLoop:
         return None
 
     def _hold(self, twist: PlanarTwist) -> Activity:
-        """Drive at a twist for one period."""
+        """Drive at a twist for one period; a base that is silent stands, and is tried again.
+
+        Raises:
+            UnavailableError: it stays silent.
+        """
         clock = self._device.clock
         end_s = clock.now() + PERIOD_S
         activity = self._device.hold(*twist, _TWIST_S)
@@ -253,6 +297,9 @@ class ClosedLoop:
                 if delay_s >= left_s:
                     break
                 yield delay_s
+            self._silent_since_s = None
+        except UnavailableError as error:
+            self._wait_out(error)
         finally:
             activity.close()
         yield max(end_s - clock.now(), 0.0)

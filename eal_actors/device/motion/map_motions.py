@@ -6,7 +6,8 @@ import math
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any, Final
 
-from eal_actors.device.data import DataType, ValueInfo
+from eal_actors.device.data import DataType
+from eal_actors.device.info import ValueInfo
 from eal_actors.device.motion.closed_loop import ClosedLoop, MotionDevice
 from eal_actors.device.motion.route import Point, Route
 from eal_actors.device.motion.route_controller import MotionLimits, RouteController
@@ -105,6 +106,15 @@ class MapMotions(Resource, ABC):
             ArgumentError: there are none or too many waypoints, a number is not finite, or a place is too far away.
             UnsupportedError: the driver estimates no pose.
         """
+        return self._drive(self.path_points(path), None)
+
+    @staticmethod
+    def path_points(path: Any) -> list[Point]:
+        """Return the waypoints of a path.
+
+        Raises:
+            ArgumentError: there are none or too many, or a number is not finite.
+        """
         count = len(path) // 2 if isinstance(path, list | tuple) else len(path)
         if count > MAX_WAYPOINTS:
             raise ArgumentError(f"follow takes at most {MAX_WAYPOINTS:,} waypoints, not {count:,}")
@@ -112,7 +122,7 @@ class MapMotions(Resource, ABC):
         points = [(float(x_m), float(y_m)) for x_m, y_m in zip(numbers[::2], numbers[1::2], strict=True)]
         if not points or not all(math.isfinite(number) for point in points for number in point):
             raise ArgumentError("follow needs at least one waypoint of finite numbers x_m, y_m")
-        return self._drive(points, None)
+        return points
 
     @config("max_uncertainty_m", _UNCERTAINTY)
     def max_uncertainty_m(self) -> float:

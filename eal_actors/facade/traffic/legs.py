@@ -16,6 +16,7 @@ _PASSED_M: Final = 0.005
 """A robot so near a place has left the one before: the margin between hulls allows for it."""
 _LAST_MOVES: Final = 2
 """A robot that must stop for a new plan goes so many places further: it may be near the next one already."""
+_RETRY_S: Final = 1.0
 _CALL_S: Final = 20.0
 _CALL_S_PER_M: Final = 30.0
 _CALL_S_PER_MOVE: Final = 8.0
@@ -44,6 +45,8 @@ class Leg:
         self.done = 0
         self.call: Call[int] | None = None
         self._heard_s = trip.clock.now()
+        self._absent_since_s: float | None = None
+        self._next_try_s = -math.inf
         self.tries = 0
         self.has_arrived = False
         self._places = [start, *(move.to for move in moves)]
@@ -63,6 +66,19 @@ class Leg:
             self._heard_s = max(self._heard_s, progress.time_s)
         return self.trip.clock.now() - self._heard_s
 
+    def note_absence(self) -> float:
+        """Note that the robot's device is not ready, and try again later; return the time since it was ready."""
+        now_s = self.trip.clock.now()
+        if self._absent_since_s is None:
+            self._absent_since_s = now_s
+        self._next_try_s = now_s + _RETRY_S
+        return now_s - self._absent_since_s
+
+    @property
+    def is_due_again(self) -> bool:
+        """Whether its command is to be sent again, because its device was not ready."""
+        return self.call is None and self._absent_since_s is not None and self.trip.clock.now() >= self._next_try_s
+
     def give_up(self) -> None:
         """End the running command, whether the robot answers or not."""
         if self.call is not None:
@@ -81,6 +97,8 @@ class Leg:
         Args:
             done: the legs of all robots.
         """
+        if self.call is None and self._absent_since_s is not None and not self.is_due_again:
+            return
         cleared = self.done
         while cleared < len(self.moves) and all(
             done[name].done >= count for name, count in self.moves[cleared].waits_for
@@ -131,7 +149,7 @@ class Leg:
                 self.has_arrived = True
             self.done = self._sent_from = self._sent
         if self.done > before:
-            self.tries = 0
+            self.tries, self._absent_since_s = 0, None
         return None
 
     def _pass_places(self, share: float) -> None:

@@ -10,7 +10,7 @@ from eal_actors.device.navigation.traffic.planner import TrafficPlan
 from eal_actors.facade.traffic.legs import Leg
 from eal_actors.facade.traffic.trips import Trip
 from eal_actors.kernel.clock import Clock, new_waiter
-from eal_actors.kernel.errors import BlockedError, UnavailableError
+from eal_actors.kernel.errors import BlockedError, NotReadyError, UnavailableError
 
 SILENCE_S: Final = 15.0
 """A robot on its way that reports nothing for so long has failed."""
@@ -75,7 +75,7 @@ class PlanRun:
                 self._cut_short()
             self._clock.wait(self._waiter, _LOOK_S)
             heard = dict.fromkeys(self._heard.popleft() for _ in range(len(self._heard)))
-            touched: dict[str, None] = {}
+            touched = dict.fromkeys(name for name, leg in self.legs.items() if leg.is_due_again)
             for leg in heard:
                 if self._update(leg):
                     touched |= {leg.trip.robot.name: None, **self._followers[leg.trip.robot.name]}
@@ -110,6 +110,8 @@ class PlanRun:
         if error is None:
             return leg.done > before or leg.call is None
         if leg.trip.done():
+            return False
+        if isinstance(error, NotReadyError) and leg.note_absence() < SILENCE_S:
             return False
         if not isinstance(error, BlockedError):
             self._fail(leg, error)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
+from collections.abc import Collection, Mapping
 from typing import Final
 
 from eal_actors.actors.future import Future
@@ -11,7 +11,7 @@ from eal_actors.actors.robot_view import RobotState
 from eal_actors.device.localization.pose_estimate import PoseEstimate
 from eal_actors.device.navigation.traffic.lattice import Point
 from eal_actors.kernel.clock import Clock
-from eal_actors.kernel.errors import EALError, LocalizationError
+from eal_actors.kernel.errors import EALError, LocalizationError, NotReadyError
 from eal_actors.kernel.log import get_logger
 
 DEFAULT_RADIUS_M: Final = 0.2
@@ -20,6 +20,8 @@ _READ_TIMEOUT_S: Final = 3.0
 _LOST_M: Final = 3.0
 """A robot with a greater standard deviation of its position has had no fix yet."""
 _FIRST_FIX_S: Final = 10.0
+_READY_S: Final = 3.0
+"""A base on a busy computer or a slow wire may be silent for so long."""
 _FIRST_FIX_LOOK_S: Final = 0.2
 _LOST: Final = (
     f"its place is unknown: no fix came within {_FIRST_FIX_S:g} s; bring it into view of its tracker, or set its Pose"
@@ -44,7 +46,7 @@ class RobotPositions:
         self.radii_m: dict[str, float] = {}
         self.known: list[str] = []
 
-    def read(self, travelling: Container[str], clock: Clock) -> dict[str, EALError]:
+    def read(self, travelling: Collection[str], clock: Clock) -> dict[str, EALError]:
         """Ask all robots; return the errors of those that travel and whose pose is unknown.
 
         Of others that do not answer, the last known place counts. A robot that has just started and does not know where
@@ -76,14 +78,19 @@ class RobotPositions:
 
 
 def _poses(
-    robots: Mapping[str, RobotHandle], travelling: Container[str], clock: Clock, timeout_s: float
+    robots: Mapping[str, RobotHandle], travelling: Collection[str], clock: Clock, timeout_s: float
 ) -> tuple[dict[str, Future[PoseEstimate]], list[str]]:
-    """Return the poses of robots, and those that travel without knowing where they are, after a wait for fixes."""
-    end_s = clock.now() + _FIRST_FIX_S
+    """Return the poses of robots, and those that travel without knowing where they are.
+
+    It waits for the fixes of these, and a while for those whose base does not answer.
+    """
+    begun_s = clock.now()
     while True:
         poses = {name: robot.pose.get(timeout_s=timeout_s) for name, robot in robots.items()}
         lost = [name for name, pose in poses.items() if name in travelling and _is_lost(pose)]
-        if not lost or clock.now() >= end_s:
+        silent = [name for name in travelling if name in poses and isinstance(poses[name].exception(), NotReadyError)]
+        waited_s = clock.now() - begun_s
+        if not (lost and waited_s < _FIRST_FIX_S) and not (silent and waited_s < _READY_S):
             return poses, lost
         clock.sleep(_FIRST_FIX_LOOK_S)
 

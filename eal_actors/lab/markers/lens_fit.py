@@ -44,7 +44,6 @@ class LensFit:
         centre_px: column and row of the axis.
         distortion: k1, k2, p1, p2, k3.
         error_px: root mean square distance of the corners from where the lens puts them.
-        errors_px: the same for each picture.
         focal_sd_px: standard deviation of the focal lengths.
         coverage: share of the picture in which there were corners.
     """
@@ -54,7 +53,6 @@ class LensFit:
     centre_px: tuple[float, float]
     distortion: tuple[float, ...]
     error_px: float
-    errors_px: tuple[float, ...]
     focal_sd_px: float
     coverage: float
 
@@ -117,7 +115,7 @@ def fit_lens(views: list[BoardView]) -> LensFit:
     (size_px,) = sizes
     points, pixels = [view.points for view in views], [view.pixels for view in views]
     found = cv2.calibrateCameraExtended(points, pixels, size_px, None, None)  # type: ignore[call-overload]
-    error_px, matrix, distortion, deviations, errors = found[0], found[1], found[2], found[5], found[7]
+    error_px, matrix, distortion, deviations = found[0], found[1], found[2], found[5]
     fx, fy, cx, cy = (float(matrix[place]) for place in ((0, 0), (1, 1), (0, 2), (1, 2)))
     return LensFit(
         size_px=size_px,
@@ -125,7 +123,6 @@ def fit_lens(views: list[BoardView]) -> LensFit:
         centre_px=(cx, cy),
         distortion=tuple(float(part) for part in np.ravel(distortion)[:5]),
         error_px=float(error_px),
-        errors_px=tuple(float(part) for part in np.ravel(errors)),
         focal_sd_px=float(np.ravel(deviations)[:2].max()),
         coverage=_coverage(np.concatenate(pixels), size_px),
     )

@@ -115,7 +115,7 @@ class PlanGate:
         agent: str,
         rehearsal: Mapping[str, Any],
     ) -> StoredPlan:
-        """Return what is kept of a plan."""
+        """Return a stored plan."""
         return StoredPlan(
             hash=plan_hash(text, parameters, _content_of(self.fleet.config)),
             name=plan.scenario.name,
@@ -228,7 +228,7 @@ class PlanGate:
 
 
 def _content_of(config: FleetConfig) -> dict[str, Any]:
-    """Return what a plan's hash holds of the fleet: its file with includes, and its world."""
+    """Return the fleet's part of a plan's hash: its file with includes, and its world."""
     world = config.world.model_dump(mode="json") if config.world is not None else None
     return {**resolved_fleet(config), "world": world}
 

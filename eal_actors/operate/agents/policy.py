@@ -1,4 +1,4 @@
-"""Policy: the plans that need no person, as a file says. A rule must allow the whole of a plan.
+"""Policy: a file of rules for plans that run without a person's approval. A rule must allow the whole of a plan.
 
 Every call is judged with every value that it can have. A call whose values are known only during the run is not
 allowed, nor is a step kind that the rule does not name, such as `go_to` or `python`.
@@ -23,7 +23,7 @@ from eal_actors.kernel.yaml_source import load_yaml
 from eal_actors.managers.twins import simulated
 from eal_actors.scenario import Plan, Scenario
 from eal_actors.scenario.engine.plan import robot_facts
-from eal_actors.scenario.language.robot_check import CallLocations, RobotCheck, RobotScope
+from eal_actors.scenario.language.robot_check import CheckedCall, RobotCheck, RobotScope
 from eal_actors.scenario.language.static_values import StaticValues
 from eal_actors.scenario.language.values import Text
 
@@ -159,7 +159,7 @@ class _PolicyCheck(RobotCheck):
         self._seed = fleet.config.seed
 
     def judge(self, scenario: Scenario, plan: Plan) -> list[Problem]:
-        """Return what the rule does not allow."""
+        """Return the problems of a plan under the rule."""
         everyone = {role: (*names, *plan.spares.get(role, ())) for role, names in plan.roles.items()}
         with self.budget.applied():
             values = StaticValues({**scenario.parameters, "run": {"seed": self._seed}})
@@ -167,18 +167,10 @@ class _PolicyCheck(RobotCheck):
         return self.problems()
 
     @override
-    def call(
-        self,
-        method: str,
-        resource: str,
-        given: Mapping[str, Any] | None,
-        at: CallLocations,
-        robots: Sequence[str],
-        here: RobotScope,
-    ) -> ResourceInfo | None:
-        info = super().call(method, resource, given, at, robots, here)
-        if info is not None and (reason := _call_reason(self._rule, method, info, given)) is not None:
-            self.report(here, at.arguments.path, f"{self._words}: {reason}", robots, at.arguments.inside)
+    def call(self, call: CheckedCall, robots: Sequence[str], here: RobotScope) -> ResourceInfo | None:
+        info = super().call(call, robots, here)
+        if info is not None and (reason := _call_reason(self._rule, call.method, info, call.given)) is not None:
+            self.report(here, call.arguments_at.path, f"{self._words}: {reason}", robots, call.arguments_at.inside)
         return info
 
 

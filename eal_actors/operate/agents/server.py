@@ -1,4 +1,4 @@
-"""AgentServer: the Model Context Protocol's face of a fleet: resources to read, and tools around `PlanGate`.
+"""AgentServer: a fleet as a Model Context Protocol server, with resources to read and tools around `PlanGate`.
 
 Source: Model Context Protocol, by the official SDK. Every request goes into the audit log.
 """
@@ -237,7 +237,7 @@ def _agent(ctx: Context[Any, Any]) -> str:
 
 
 def _about(text: str, parameters: Parameters | None) -> dict[str, Any]:
-    """Return what the audit log keeps of a plan: long texts would push other entries out of it."""
+    """Return a plan, shortened for the audit log: long texts would push other entries out of it."""
     digest = hashlib.sha256(text.encode(errors="replace")).hexdigest()
     return {"sha256": digest[:12], "characters": len(text), "parameters": parameters}
 

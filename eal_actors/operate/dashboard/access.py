@@ -58,7 +58,7 @@ class Visitor:
     why: str | None = None
 
     def refusal(self, needed: Role) -> str | None:
-        """Return why the user may not do what needs a role; None if it may."""
+        """Return why the user lacks a role; None if the user has it."""
         if self.role >= needed:
             return None
         return self.why or f"{self.name} has the role {self.role.name.lower()}; this needs {needed.name.lower()}"
@@ -101,7 +101,7 @@ class Access:
         return self.token is None and not self.asks_for_names and is_loopback(self.host)
 
     def visitor(self, shown: str | None) -> Visitor:
-        """Return who shows a token, or none.
+        """Return the holder of a token, or None.
 
         Raises:
             AccessDeniedError: there are operators, and the token is of none of them.

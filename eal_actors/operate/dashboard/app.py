@@ -17,7 +17,7 @@ from starlette.websockets import WebSocket
 from eal_actors.kernel.log import get_logger
 from eal_actors.operate.dashboard.access import Access
 from eal_actors.operate.dashboard.limits import MAX_BROWSERS
-from eal_actors.operate.dashboard.pages import INDEX, REPORT_HEADERS, SECURITY_HEADERS, read_pages
+from eal_actors.operate.dashboard.pages import INDEX, SECURITY_HEADERS, read_pages, report_headers
 from eal_actors.operate.dashboard.places import place_of
 from eal_actors.operate.dashboard.session import AppState, BrowserSession
 from eal_actors.operate.run_record import REPORT
@@ -95,7 +95,7 @@ class App:
             page = await asyncio.to_thread(report.read_bytes)
         except OSError:  # moved or removed since
             raise HTTPException(404) from None
-        return Response(page, media_type="text/html; charset=utf-8", headers=REPORT_HEADERS)
+        return Response(page, media_type="text/html; charset=utf-8", headers=report_headers())
 
     async def _connect(self, websocket: WebSocket) -> None:
         browser = BrowserSession(websocket, self._app_state, self._admit)
@@ -112,7 +112,7 @@ class App:
             browser.dismiss(operators)
 
     def _admit(self, browser: BrowserSession) -> bool:
-        """Admit a browser that has said who it is. One that may stop the robots takes the place of one that may not."""
+        """Admit a browser that has signed in. One that may stop the robots replaces one that may not."""
         if len(self.browsers) >= MAX_BROWSERS:
             watchers = [other for other in self.browsers if not other.may_stop]
             if not browser.may_stop or not watchers:

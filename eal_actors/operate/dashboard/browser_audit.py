@@ -23,7 +23,7 @@ class BrowserAudit:
         self._presses: dict[str, tuple[int, Finish]] = {}
 
     def begin(self, message: Any, reply: Reply) -> Reply:
-        """Record the begin of a command; return the function to reply with, which records its end."""
+        """Record the beginning of a command; return the function to reply with, which records its end."""
         if isinstance(message, ReleaseRobot):
             self._end_press(message.robot, "ok")
             return reply
@@ -44,7 +44,7 @@ class BrowserAudit:
         self._record(message)(f"refused: {reason}")
 
     def close(self) -> None:
-        """Record the end of what the browser still drives."""
+        """Record the end of the commands that the browser still gives."""
         for robot in list(self._presses):
             self._end_press(robot, "the page left")
 

@@ -26,7 +26,7 @@ WHOLE: Final = ""
 
 @dataclass(slots=True)
 class _Use:
-    """The current commands of one resource, and who gave the newest."""
+    """The current commands of one resource, and the user who gave the newest."""
 
     by: str
     count: int = 0
@@ -73,7 +73,7 @@ class ControlRegistry:
             return max(uses, key=lambda use: (use.count > 0, use.ended_s)).by if uses else None
 
     def release_idle(self, robot: RobotHandle, held: Iterable[str]) -> None:
-        """Release those of the held resources that nobody here controls. Does not wait for the robot."""
+        """Release the held resources without a controller here. Does not wait for the robot."""
         with self._lock:
             if self._is_used(robot.name, WHOLE):
                 return

@@ -15,8 +15,8 @@ from typing import Any, Final
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
 from eal_actors.actors.robot_view import Ping, RobotState
-from eal_actors.device.data import DataType, EALData, ValueInfo
-from eal_actors.device.info import ResourceInfo
+from eal_actors.device.data import DataType, EALData
+from eal_actors.device.info import ResourceInfo, ValueInfo
 from eal_actors.device.localization.pose_estimate import PoseEstimate
 from eal_actors.kernel.clock import REAL_TIME, new_waiter, wall_time
 from eal_actors.kernel.errors import EALError

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 from collections.abc import Iterator, Mapping
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from typing import Final, NamedTuple
+
+from eal_actors.recording.player import player_script
 
 INDEX: Final = "index.html"
 _TYPES: Final = {
@@ -18,7 +22,7 @@ _TYPES: Final = {
 SECURITY_HEADERS: Final[Mapping[str, str]] = {
     "Content-Security-Policy": (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; "
-        "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+        "frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
     ),
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
@@ -30,13 +34,19 @@ SECURITY_HEADERS: Final[Mapping[str, str]] = {
 }
 
 
-REPORT_HEADERS: Final[Mapping[str, str]] = {
-    "Content-Security-Policy": (
-        "default-src 'none'; style-src 'unsafe-inline'; img-src data:; "
-        "base-uri 'none'; form-action 'none'; frame-ancestors 'none'; sandbox"
-    )
-}
-"""For the report of a run: one page that contains its styles and pictures, and runs no scripts."""
+def report_headers() -> Mapping[str, str]:
+    """Return the headers of the report of a run: one page with its styles and pictures, which runs its player alone.
+
+    It has no origin, so the player reaches neither the dashboard's page nor its websocket.
+    """
+    digest = base64.b64encode(hashlib.sha256(player_script().encode()).digest()).decode()
+    return {
+        "Content-Security-Policy": (
+            f"default-src 'none'; script-src 'sha256-{digest}'; style-src 'unsafe-inline'; img-src data:; "
+            "base-uri 'none'; form-action 'none'; frame-ancestors 'self'; sandbox allow-scripts"
+        ),
+        "X-Frame-Options": "SAMEORIGIN",
+    }
 
 
 class Page(NamedTuple):

@@ -98,7 +98,7 @@ class Places:
 
 
 def source_of(address: str) -> str:
-    """Return what shares its places: an IPv4 address, or the network of 64 bits of an IPv6 address."""
+    """Return the group that shares its places: an IPv4 address, or the network of 64 bits of an IPv6 address."""
     parsed = ipaddress.ip_address(address.partition("%")[0])
     if isinstance(parsed, ipaddress.IPv4Address):
         return str(parsed)

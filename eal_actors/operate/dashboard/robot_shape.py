@@ -34,7 +34,7 @@ class RobotShape:
         self._numbers: dict[str, float] = {}
 
     def describe(self, infos: Mapping[str, ResourceInfo]) -> None:
-        """Note which resources the robot has now, and ask for what they tell once."""
+        """Record the robot's resources, and request the values that are read once."""
         cameras = [name for name, info in infos.items() if info.is_camera and _has_config(info, _FOV)]
         self._camera = cameras[0] if cameras else None
         self._has_turret = _TURRET in infos and _TURRET in self._robot

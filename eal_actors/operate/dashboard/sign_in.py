@@ -37,7 +37,7 @@ class SignIn:
         self._wrong: dict[str, tuple[int, float]] = {}
 
     def visitor(self, shown: str | None, source: str) -> Visitor:
-        """Return who shows a token, or none.
+        """Return the holder of a token, or None.
 
         Args:
             shown: the token.

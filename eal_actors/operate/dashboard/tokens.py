@@ -1,4 +1,4 @@
-"""Tokens of operators: random, shown once, and kept in the fleet file as a hash from which nobody finds them again."""
+"""Tokens of operators: random, shown once, and kept in the fleet file as a hash that does not reveal them."""
 
 from __future__ import annotations
 

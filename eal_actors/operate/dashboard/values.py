@@ -74,7 +74,7 @@ class ValuePoller:
         self.watch(browser, None)
 
     def poll(self, now_s: float) -> None:
-        """Ask what is due, and store the answers."""
+        """Poll the values that are due, and store the answers."""
         with self._lock:
             watched = set(self._watched.values()) & self._fleet.keys()
             renewed, self._renewed = self._renewed & watched, set()

@@ -290,7 +290,7 @@ class _LogLines(logging.Handler):
 
 
 class _ViewerListener:
-    """Passes what viewers do to their view and their control. Thread: the server's."""
+    """Passes the requests of viewers to their view and their control. Thread: the server's."""
 
     def __init__(self, view: LiveView, control: ViewerControl | None) -> None:
         self._view = view
@@ -311,4 +311,4 @@ class _ViewerListener:
         """Do nothing: parameters are sent when they are asked for or set."""
 
     def on_parameters_unsubscribe(self, param_names: list[str]) -> None:
-        """Do nothing, as above."""
+        """Do nothing: parameters are sent when they are asked for or set."""

@@ -1,4 +1,4 @@
-"""ViewerControl: what viewers may command: velocities of robots, and configuration keys as parameters.
+"""ViewerControl: the commands of viewers: velocities of robots, and configuration keys as parameters.
 
 A viewer that publishes geometry_msgs/Twist as JSON to `/<robot>/cmd_vel`, such as Foxglove's Teleop panel, drives the
 robot under its lease, with the dead-man's switch of the dashboard. Parameters are `<robot>.<resource>.<key>`.
@@ -48,7 +48,7 @@ class ViewerControl:
     # Driving.
 
     def on_client_advertise(self, client: Any, channel: Any) -> None:
-        """Note which robot a viewer's topic drives."""
+        """Record the robot that a viewer's topic drives."""
         robot = channel.topic.removesuffix(_SUFFIX).strip("/")
         if channel.topic.endswith(_SUFFIX) and robot in self._fleet and channel.encoding == "json":
             self._robots[client.id, channel.id] = robot

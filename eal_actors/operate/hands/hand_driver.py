@@ -28,7 +28,7 @@ Report = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class HandSettings:
-    """How a stick's way becomes a velocity.
+    """The mapping from a stick's deflection to a velocity.
 
     Attributes:
         speed_m_s: at the stick's end, in m/s of the fleet's clock.
@@ -83,7 +83,7 @@ class HandDriver:
             self._teleop.close()
 
     def _read(self, source: InputSource, reader: EventReader, sticks: Sticks) -> None:
-        """Take in what the device has sent, waiting at most for a period."""
+        """Read the device's events, waiting at most for a period."""
         ready, _, _ = select.select([source.fd], [], [], PERIOD_S)
         if not ready:
             return
@@ -106,7 +106,7 @@ class HandDriver:
         return self._groups[sticks.group_steps % len(self._groups)]
 
     def _follow(self, sticks: Sticks) -> None:
-        """Send the hand's wish, or halt what is driven."""
+        """Send the wanted velocity, or halt the robots."""
         now_s = REAL_TIME.now()
         if sticks.is_held and now_s - self._heard_s > self._settings.silence_s:
             sticks.let_go()

@@ -1,4 +1,4 @@
-"""Sticks: the state of a gamepad or a keyboard, from its events. Pure: bytes in, wishes out.
+"""Sticks: the state of a gamepad or a keyboard, from the bytes of its events; pure functions.
 
 Source: Linux, include/uapi/linux/input.h (`struct input_event`) and input-event-codes.h.
 """
@@ -71,7 +71,7 @@ class EventReader:
 
 
 class Sticks:
-    """The wish of a hand: how far ahead and to the left, from -1 to 1, while its dead-man is held.
+    """The deflection of a device: ahead and to the left, from -1 to 1, while its dead-man is held.
 
     The dead-man of a gamepad is a shoulder button; of a keyboard, the keys that drive. After lost events nothing is
     held until it is released and pressed again.
@@ -100,7 +100,7 @@ class Sticks:
         return bool(self._held)
 
     def feed(self, event: InputEvent) -> None:
-        """Take in an event; unknown ones have no effect."""
+        """Apply an event; unknown ones are ignored."""
         if event.type == EV_SYN and event.code == SYN_DROPPED:
             self.let_go()
         elif event.type == EV_ABS and event.code in self._ranges:
@@ -109,7 +109,7 @@ class Sticks:
             self._feed_key(event)
 
     def let_go(self) -> None:
-        """End the press: what is held counts again only after its release."""
+        """End the press: keys that are held count again only after their release."""
         self._ignored |= self._held
         self._held.clear()
         self._axes.clear()
@@ -127,7 +127,7 @@ class Sticks:
             self._held.add(event.code)
 
     def wish(self) -> tuple[float, float]:
-        """Return how far ahead and to the left; both 0 while nothing is held."""
+        """Return the deflection ahead and to the left; both 0 while nothing is held."""
         ahead = left = 0.0
         if self._held & DEAD_MEN:
             ahead = -curved(self._axes.get(ABS_Y, 0.0), self._expo)

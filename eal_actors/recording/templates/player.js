@@ -1,32 +1,30 @@
-// The player of a report: moves the robots on the map, and a cursor on the time line. Data: the element #player-data.
+// The player of a report: moves the robots on the map, and a cursor over steps and values. Data: #player-data.
 "use strict";
 
-const data = JSON.parse(document.getElementById("player-data").textContent);
-const slider = document.getElementById("player-time");
-const button = document.getElementById("player-play");
-const speed = document.getElementById("player-speed");
-const clock = document.getElementById("player-clock");
-const now = document.getElementById("player-now");
-const cursor = document.getElementById("player-cursor");
-const picture = document.querySelector("#map svg");
+const byId = (id) => document.getElementById(id);
+const data = JSON.parse(byId("player-data").textContent);
+const slider = byId("player-time");
+const button = byId("player-play");
+const speed = byId("player-speed");
+const clock = byId("player-clock");
+const cursor = byId("player-cursor");
+const lines = byId("player-lines");
 const SVG = "http://www.w3.org/2000/svg";
-const [zeroX, zeroY, scaleX, scaleY] = data.map;
+const span_s = data.duration_s || 1;
+const TRAIL_S = 10;
 
-const markers = Object.entries(data.robots).map(([name, path]) => {
-  const marker = document.createElementNS(SVG, "g");
-  const hull = document.createElementNS(SVG, "circle");
-  const radius = Math.max(3, (data.radii_m[name] ?? data.radius_m) * scaleX);
-  hull.setAttribute("r", radius);
-  hull.setAttribute("style", "fill: #ffffffaa; stroke: #000000; stroke-width: 1.2");
-  const heading = document.createElementNS(SVG, "line");
-  heading.setAttribute("x2", radius);
-  heading.setAttribute("style", "stroke: #000000; stroke-width: 2");
-  const label = document.createElementNS(SVG, "title");
-  label.textContent = name;
-  marker.append(hull, heading, label);
-  picture?.append(marker);
-  return { name, path, marker, heading };
-});
+/** Return a new element with attributes and children. */
+function element(name, attributes, ...children) {
+  const made = name.startsWith("svg:") ? document.createElementNS(SVG, name.slice(4)) : document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  made.append(...children);
+  return made;
+}
+
+/** Set a text only if it changed: a page that does not change is not painted. */
+function setText(node, text) {
+  if (node.textContent !== text) node.textContent = text;
+}
 
 /** Return the index of the last sample at or before a time, or 0. */
 function indexAt(times, time) {
@@ -44,120 +42,139 @@ function indexAt(times, time) {
 function poseAt(path, time) {
   const index = indexAt(path.t, time);
   const next = Math.min(index + 1, path.t.length - 1);
-  const span = path.t[next] - path.t[index];
-  const share = span > 0 ? Math.min(1, Math.max(0, (time - path.t[index]) / span)) : 0;
+  const between = path.t[next] - path.t[index];
+  const share = between > 0 ? Math.min(1, Math.max(0, (time - path.t[index]) / between)) : 0;
   const turn = Math.atan2(Math.sin(path.yaw[next] - path.yaw[index]), Math.cos(path.yaw[next] - path.yaw[index]));
   return {
+    index,
     x: path.x[index] + share * (path.x[next] - path.x[index]),
     y: path.y[index] + share * (path.y[next] - path.y[index]),
     yaw: path.yaw[index] + share * turn,
   };
 }
 
-const PLOT_HEIGHT = 60;
-
-/** Draw the values of a topic over the time of the run, on the axis of the time line. */
-function drawPlot([topic, plot]) {
-  const least = plot.v.reduce((a, b) => Math.min(a, b));
-  const greatest = plot.v.reduce((a, b) => Math.max(a, b));
-  const x = (at) => data.chart[0] + (at / (data.duration_s || 1)) * data.chart[1];
-  const y = (value) => PLOT_HEIGHT - 6 - ((value - least) / (greatest - least || 1)) * (PLOT_HEIGHT - 12);
-  const chart = document.createElementNS(SVG, "svg");
-  chart.setAttribute("viewBox", `0 0 ${data.chart[0] + data.chart[1] + 30} ${PLOT_HEIGHT}`);
-  chart.setAttribute("width", data.chart[0] + data.chart[1] + 30);
-  chart.setAttribute("class", "plot");
-  const line = document.createElementNS(SVG, "polyline");
-  line.setAttribute("points", plot.t.map((at, index) => `${x(at).toFixed(1)},${y(plot.v[index]).toFixed(1)}`).join(" "));
-  const texts = [topic, `${greatest.toPrecision(4)} ${plot.unit}`, `${least.toPrecision(4)} ${plot.unit}`];
-  const labels = texts.map((text, index) => {
-    const label = document.createElementNS(SVG, "text");
-    label.setAttribute("y", [14, 30, PLOT_HEIGHT - 8][index]);
-    label.textContent = text;
-    return label;
+/** Lay a drawing of the robots over the map, so that the map itself is painted once. */
+function drawMarkers() {
+  const picture = document.querySelector("#map svg");
+  if (!picture || !data.map) return [];
+  const overlay = element("svg:svg", { id: "player-robots", viewBox: picture.getAttribute("viewBox") });
+  picture.after(overlay);
+  const scale = data.map[2];
+  return Object.entries(data.robots).map(([name, path]) => {
+    const radius = Math.max(3, path.radius_m * scale);
+    const trail = element("svg:polyline", { class: "trail", stroke: path.colour });
+    const hull = element("svg:circle", { r: radius, stroke: path.colour });
+    const heading = element("svg:line", { x2: radius });
+    const label = element("svg:text", { x: radius + 2, y: -radius }, name);
+    const marker = element("svg:g", { "data-robot": name }, hull, heading, label);
+    overlay.append(trail, marker);
+    return { path, trail, marker, heading };
   });
-  const mark = document.createElementNS(SVG, "line");
-  mark.setAttribute("y2", PLOT_HEIGHT);
-  const value = document.createElementNS(SVG, "text");
-  value.setAttribute("y", 12);
-  chart.append(line, ...labels, mark, value);
-  chart.addEventListener("click", seek);
-  document.getElementById("player-plots").append(chart);
-  return { plot, mark, value };
 }
 
-const plots = Object.entries(data.plots).map(drawPlot);
-
-const cameras = Object.entries(data.cameras).map(([topic, frames]) => {
-  const figure = document.createElement("figure");
-  const image = Object.assign(document.createElement("img"), { alt: topic });
-  figure.append(image, Object.assign(document.createElement("figcaption"), { textContent: topic }));
-  document.getElementById("player-cameras").append(figure);
-  return { times: frames.map(([at]) => at), frames, image, shown: -1 };
-});
-
-/** Show the values and the camera frames of a time. */
-function showMedia(at, x) {
-  for (const { plot, mark, value } of plots) {
-    mark.setAttribute("x1", x);
-    mark.setAttribute("x2", x);
-    value.setAttribute("x", Math.min(x + 4, data.chart[0] + data.chart[1] - 60));
-    const isKnown = plot.t[0] <= at;
-    value.textContent = isKnown ? `${plot.v[indexAt(plot.t, at)].toPrecision(4)} ${plot.unit}` : "";
+/** Show the robots, and the last seconds of their ways, at a time. */
+function showMarkers(time) {
+  for (const { path, trail, marker, heading } of markers) {
+    const [zeroX, zeroY, scaleX, scaleY] = data.map;
+    const pose = poseAt(path, time);
+    const [x, y] = [zeroX + pose.x * scaleX, zeroY - pose.y * scaleY];
+    const points = [];
+    for (let index = pose.index; index >= 0 && path.t[index] >= time - TRAIL_S; index -= 1) {
+      points.push(`${(zeroX + path.x[index] * scaleX).toFixed(1)},${(zeroY - path.y[index] * scaleY).toFixed(1)}`);
+    }
+    trail.setAttribute("points", `${x.toFixed(1)},${y.toFixed(1)} ${points.join(" ")}`);
+    marker.setAttribute("transform", `translate(${x} ${y})`);
+    heading.setAttribute("transform", `rotate(${(-pose.yaw * 180) / Math.PI})`);
   }
+}
+
+/** Add a row with a robot's steps at the shown time; its colour is that of its path. */
+function addRobot([name, steps]) {
+  const state = element("span", {});
+  const dot = element("i", { style: `background:${data.robots[name]?.colour ?? "none"}` });
+  byId("player-now").append(element("li", {}, dot, element("b", {}, name), state));
+  return { steps, state };
+}
+
+function showSteps(time) {
+  for (const { steps, state } of robots) {
+    const running = steps.filter((step) => step.start_s <= time && time <= step.end_s);
+    const texts = running.map(({ label, outcome }) => (outcome === "done" ? label : `${label} (${outcome})`));
+    setText(state, texts.join(", ") || "–");
+  }
+}
+
+const number = (value, unit) => `${Number(value.toPrecision(4))} ${unit}`.trim();
+
+/** Draw the values of a topic over the time of the run, below the steps. */
+function drawPlot([topic, { unit, t, v }]) {
+  const least = v.reduce((a, b) => Math.min(a, b));
+  const greatest = v.reduce((a, b) => Math.max(a, b));
+  const height = (value) => (greatest === least ? 0.5 : (greatest - value) / (greatest - least)) * 90 + 5;
+  const points = t.map((at, index) => `${((at / span_s) * 1000).toFixed(1)},${height(v[index]).toFixed(1)}`);
+  const chart = element("svg:svg", { viewBox: "0 0 1000 100", preserveAspectRatio: "none" });
+  chart.append(element("svg:polyline", { points: points.join(" ") }));
+  const value = element("output", {});
+  const range = element("small", {}, `${number(least, "")} to ${number(greatest, unit)}`);
+  const name = element("span", { class: "name" }, topic.slice(1), element("br", {}), value, range);
+  lines.append(element("div", { class: "row plot" }, name, element("div", { class: "lane" }, chart)));
+  return { t, v, unit, value };
+}
+
+function showValues(time) {
+  for (const { t, v, unit, value } of plots) {
+    setText(value, t[0] <= time ? number(v[indexAt(t, time)], unit) : "–");
+  }
+}
+
+function addCamera([topic, frames]) {
+  const image = element("img", { alt: topic });
+  byId("player-cameras").append(element("figure", {}, image, element("figcaption", {}, topic.slice(1))));
+  return { times: frames.map(([at]) => at), frames, image, shown: -1 };
+}
+
+function showFrames(time) {
   for (const camera of cameras) {
-    const index = indexAt(camera.times, at);
+    const index = indexAt(camera.times, time);
     if (index !== camera.shown) camera.image.src = camera.frames[index][1];
     camera.shown = index;
   }
 }
 
-let time = 0;
-let shownSteps = "";
+const markers = drawMarkers();
+const robots = Object.entries(data.steps).map(addRobot);
+const plots = Object.entries(data.plots).map(drawPlot);
+const cameras = Object.entries(data.cameras).map(addCamera);
+let now = 0;
 
 /** Show the run at a time, in seconds since its start. */
 function show(wanted) {
-  time = Math.min(data.duration_s, Math.max(0, wanted));
-  slider.value = time;
-  clock.textContent = `${time.toFixed(2)} s`;
-  for (const { path, marker, heading } of markers) {
-    const pose = poseAt(path, time);
-    marker.setAttribute("transform", `translate(${zeroX + pose.x * scaleX} ${zeroY - pose.y * scaleY})`);
-    heading.setAttribute("transform", `rotate(${(-pose.yaw * 180) / Math.PI})`);
-  }
-  const x = data.chart[0] + (time / (data.duration_s || 1)) * data.chart[1];
-  cursor.setAttribute("x1", x);
-  cursor.setAttribute("x2", x);
-  showMedia(time, x);
-  const running = data.steps.filter((step) => step.start_s <= time && time <= step.end_s);
-  const text = running.map((step) => `${step.robot}: ${step.label}${step.outcome === "done" ? "" : ` (${step.outcome})`}`);
-  if (text.join("\n") !== shownSteps) {
-    shownSteps = text.join("\n");
-    now.replaceChildren(...text.map((line) => Object.assign(document.createElement("li"), { textContent: line })));
-  }
-}
-
-/** Show the time at which somebody clicks on the time line or a plot. */
-function seek(event) {
-  const chart = event.currentTarget;
-  const point = new DOMPoint(event.clientX, event.clientY).matrixTransform(chart.getScreenCTM().inverse());
-  show(((point.x - data.chart[0]) / data.chart[1]) * data.duration_s);
+  now = Math.min(data.duration_s, Math.max(0, wanted));
+  slider.value = now;
+  slider.setAttribute("aria-valuetext", `${now.toFixed(2)} of ${data.duration_s.toFixed(2)} s`);
+  setText(clock, `${now.toFixed(2)} s`);
+  cursor.style.transform = `translateX(${(now / span_s) * 100}cqw)`; // a layer of its own, which is not painted again
+  showMarkers(now);
+  showSteps(now);
+  showValues(now);
+  showFrames(now);
 }
 
 let before = null;
 
 function advance(stamp) {
   if (before === null) return;
-  show(time + ((stamp - before) / 1000) * Number(speed.value));
+  show(now + (Math.max(0, stamp - before) / 1000) * Number(speed.value));
   before = stamp;
-  if (time >= data.duration_s) play(false);
+  if (now >= data.duration_s) play(false);
   else requestAnimationFrame(advance);
 }
 
 /** Start or stop. */
 function play(starts) {
-  button.textContent = starts ? "pause" : "play";
+  setText(button, starts ? "Pause" : "Play");
   if (starts && before === null) {
-    if (time >= data.duration_s) show(0);
+    if (now >= data.duration_s) show(0);
     before = performance.now();
     requestAnimationFrame(advance);
   } else if (!starts) {
@@ -165,16 +182,32 @@ function play(starts) {
   }
 }
 
+/** Show the time at which the pointer is on the lines. */
+function seek(event) {
+  const frame = cursor.parentElement.getBoundingClientRect();
+  show(((event.clientX - frame.left) / frame.width) * data.duration_s);
+}
+
 slider.addEventListener("input", () => show(Number(slider.value)));
 button.addEventListener("click", () => play(before === null));
-document.getElementById("player-chart").addEventListener("click", seek);
+lines.addEventListener("pointerdown", (event) => {
+  if (event.button !== 0) return;
+  lines.setPointerCapture(event.pointerId);
+  seek(event);
+});
+lines.addEventListener("pointermove", (event) => lines.hasPointerCapture(event.pointerId) && seek(event));
 document.addEventListener("keydown", (event) => {
-  if (event.target instanceof HTMLSelectElement || event.ctrlKey || event.metaKey || event.altKey) return;
+  if (event.key === "Escape" && !event.repeat && window.parent !== window) {
+    window.parent.postMessage("Escape", "*"); // a dashboard around this page stops the robots
+    return;
+  }
+  if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest("select")) return;
+  if (event.key === " " && event.target.closest("button, summary, a")) return; // it activates them
   const step = event.shiftKey ? 0.1 : 1;
   const actions = {
     " ": () => play(before === null),
-    ArrowLeft: () => show(time - step),
-    ArrowRight: () => show(time + step),
+    ArrowLeft: () => show(now - step),
+    ArrowRight: () => show(now + step),
     Home: () => show(0),
     End: () => show(data.duration_s),
   };

@@ -12,14 +12,12 @@ from eal_actors.kernel.errors import ScenarioError
 from eal_actors.kernel.lock_step import LockStepClock, Rate
 from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.frames import Participant, RoleSlot
-from eal_actors.scenario.engine.plan import Plan
 from eal_actors.scenario.language.scenario import scenario_hash
 from eal_actors.scenario.language.values import final_action
 from eal_actors.scenario.report.events import Checkpoint, RobotReplaced, RunContinued, RunStarted
 from eal_actors.scenario.report.records import from_record, is_recordable, to_record, to_view
 from eal_actors.scenario.report.resuming import Resumption
 from eal_actors.scenario.report.summary import ContactReport, ErrorReport, Report, RobotReport, RunOutcome
-from eal_actors.scenario.steps.base import roles_at_work
 
 
 def fill_slots(run: RunContext) -> None:
@@ -116,7 +114,7 @@ def end_robots(run: RunContext, next_step: int) -> None:
         next_step: index of the first step of the top level that is not over.
     """
     scenario, steps = run.plan.scenario, run.plan.scenario.file.steps
-    roles: Iterable[str] = roles_at_work(scenario, steps, ("steps",), next_step)
+    roles: Iterable[str] = scenario.roles_at_work(steps, ("steps",), next_step)
     if any(step.needs_everyone() for step in steps[next_step:]):
         roles = scenario.file.roles
     cut_short = {slot.robot.name for role in roles for slot in run.slots.get(role, ())}
@@ -151,9 +149,9 @@ def _views(variables: dict[str, object]) -> dict[str, Any]:
 # The first event and the report.
 
 
-def run_started(plan: Plan, fleet: Fleet, time_s: float) -> RunStarted:
+def run_started(run: RunContext, time_s: float) -> RunStarted:
     """Return the first event of a run."""
-    scenario, config = plan.scenario, fleet.config
+    plan, scenario, config = run.plan, run.plan.scenario, run.fleet.config
     return RunStarted(
         time_s,
         scenario=scenario.name,
@@ -162,7 +160,7 @@ def run_started(plan: Plan, fleet: Fleet, time_s: float) -> RunStarted:
         fleet=config.name,
         fleet_file=str(config.source),
         seed=config.seed,
-        rate=_rate(fleet),
+        rate=_rate(run.fleet),
         parameters={name: to_record(value) for name, value in scenario.parameters.items()},
         roles=plan.roles,
         spares=plan.spares,
@@ -171,36 +169,43 @@ def run_started(plan: Plan, fleet: Fleet, time_s: float) -> RunStarted:
     )
 
 
-def run_continued(plan: Plan, fleet: Fleet, first_step: int, wall_continued: str, time_s: float) -> RunContinued:
+def run_continued(run: RunContext, first_step: int, wall_continued: str, time_s: float) -> RunContinued:
     """Return the first event of a resumed run."""
-    name, config = plan.scenario.name, fleet.config
-    return RunContinued(time_s, first_step, wall_continued, name, config.name, plan.robots, plan.calls)
+    plan = run.plan
+    name, fleet = plan.scenario.name, run.fleet.config.name
+    return RunContinued(time_s, first_step, wall_continued, name, fleet, plan.robots, plan.calls)
 
 
 def make_report(
     run: RunContext,
-    fleet: Fleet,
-    *,
+    before: Resumption | None,
     wall_started: str,
     duration_s: float,
-    continued_s: tuple[float, ...],
     outcome: tuple[RunOutcome, BaseException | None],
 ) -> Report:
-    """Return the report of a run that is over; the outcome comes with its error."""
-    scenario, config = run.plan.scenario, fleet.config
+    """Return the report of a run that is over.
+
+    Args:
+        run: the run.
+        before: the interrupted run that it continues.
+        wall_started: when it began.
+        duration_s: its duration.
+        outcome: its outcome and its error.
+    """
+    scenario, config = run.plan.scenario, run.fleet.config
     return Report(
         scenario=scenario.name,
         scenario_file=str(scenario.source),
         fleet=config.name,
         fleet_file=str(config.source),
         seed=config.seed,
-        rate=_rate(fleet),
+        rate=_rate(run.fleet),
         parameters={name: to_record(value) for name, value in scenario.parameters.items()},
         roles={role: list(names) for role, names in run.plan.roles.items()},
         wall_started=wall_started,
         duration_s=duration_s,
         paused_s=run.pauses.paused_s,
-        continued_s=continued_s,
+        continued_s=(*before.continued_s, before.time_s) if before is not None else (),
         outcome=outcome[0],
         error=ErrorReport.of(outcome[1]) if outcome[1] is not None else None,
         robots={name: report_robot(run, robot) for name, robot in run.robots.items()},
@@ -209,7 +214,7 @@ def make_report(
         starts=tuple(run.starts),
         contacts=tuple(
             ContactReport(time_s=contact.time_s - run.zero_s, robot=contact.robot, other=contact.other)
-            for contact in fleet.services.contacts.copy()
+            for contact in run.fleet.services.contacts.copy()
             if contact.time_s >= run.zero_s
         ),
     )

@@ -9,14 +9,13 @@ from dataclasses import dataclass, field
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.device.info import ResourceInfo
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.errors import ConfigError, EALError, RobotFailedError, UnavailableError
+from eal_actors.kernel.errors import ConfigError, EALError, Problem, RobotFailedError, UnavailableError
+from eal_actors.scenario.engine.python_functions import StepFunction
 from eal_actors.scenario.language.binding import Binding, RobotFacts, Wishes, bind, match_roles
 from eal_actors.scenario.language.parameters import missing_parameters, with_parameters
 from eal_actors.scenario.language.robot_check import check_on_robots
 from eal_actors.scenario.language.scenario import Scenario
 from eal_actors.scenario.language.values import final_action
-from eal_actors.scenario.steps.base import count_calls, shared_robots
-from eal_actors.scenario.steps.python import PythonFunctions
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +29,7 @@ class Plan:
         lost: the errors of robots that did not start, by name; empty unless the scenario continues without them.
         calls: number of calls if nothing fails, as far as it is known, without those of `finally`.
         spares: the robots in reserve for each role.
-        python: the functions of its Python steps.
+        python: the functions of its Python steps, by name.
     """
 
     scenario: Scenario
@@ -39,7 +38,7 @@ class Plan:
     lost: Mapping[str, EALError]
     calls: int
     spares: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    python: PythonFunctions = field(default_factory=PythonFunctions)
+    python: Mapping[str, StepFunction] = field(default_factory=dict)
 
 
 def make_plan(
@@ -76,12 +75,12 @@ def make_plan(
     lost = {name: errors[name] for name in robots if name in errors}
     if not unbound:
         _check_lost(scenario, bound, lost)
-    python = PythonFunctions.of(scenario, fleet.config)
+    python, unusable = _find_functions(scenario, fleet)
     if problems := [
         *unbound,
         *unfit,
-        *python.problems,
-        *shared_robots(scenario, bound.roles),
+        *unusable,
+        *scenario.shared_robots(bound.roles),
         *check_on_robots(
             scenario,
             bound.roles,
@@ -93,8 +92,18 @@ def make_plan(
     ]:
         raise ConfigError(problems)
     live = {role: sum(robot not in lost for robot in names) for role, names in bound.roles.items()}
-    calls = count_calls(scenario, scenario.file.steps, ("steps",), None, live)
+    calls = scenario.count_calls(scenario.file.steps, ("steps",), None, live)
     return Plan(scenario, bound.roles, robots, lost, calls, bound.spares, python)
+
+
+def _find_functions(scenario: Scenario, fleet: Fleet) -> tuple[dict[str, StepFunction], list[Problem]]:
+    """Return the functions of the Python steps by name, and the problems of their names and arguments."""
+    functions: dict[str, StepFunction] = {}
+    problems: dict[Problem, None] = {}  # several steps may run one part
+    for owner, path, _, step in scenario.walk():
+        if (problem := step.prepare(fleet.config, functions)) is not None:
+            problems[owner.problem((*path, step.kind), problem)] = None
+    return functions, list(problems)
 
 
 def _inspect(fleet: Fleet, names: AbstractSet[str]) -> tuple[dict[str, EALError], dict[str, RobotFacts]]:

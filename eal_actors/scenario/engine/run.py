@@ -25,6 +25,7 @@ from eal_actors.scenario.engine.frames import ExecutionContext, Participant, Ste
 from eal_actors.scenario.engine.loop import Coroutine, EventLoop
 from eal_actors.scenario.engine.past_steps import PastSteps
 from eal_actors.scenario.engine.plan import Plan, make_plan
+from eal_actors.scenario.engine.python_functions import join_threads
 from eal_actors.scenario.engine.synchronization import find_meetings
 from eal_actors.scenario.language.binding import Wishes
 from eal_actors.scenario.language.loading import load_scenario
@@ -34,7 +35,6 @@ from eal_actors.scenario.report.files import image_writer
 from eal_actors.scenario.report.journal import Journal, Listener
 from eal_actors.scenario.report.resuming import Resumption
 from eal_actors.scenario.report.summary import Report, RunOutcome
-from eal_actors.scenario.steps.python import join_threads
 
 
 class _Phase(enum.Enum):
@@ -238,13 +238,13 @@ class Run:
         run = self._run
         if self._resumption is not None:
             first = self._resumption.first_step
-            self._emit(partial(checkpoints.run_continued, self._plan, self._fleet, first, self._wall_started))
+            self._emit(partial(checkpoints.run_continued, run, first, self._wall_started))
             checkpoints.fill_slots(run)
             checkpoints.restore(run, self._resumption)
             if run.losses is not None:  # the lease of the controller that died outlives it
                 yield run.loop.sleep(run.clock.of_real(self._fleet.config.network.lease_s))
         else:
-            self._emit(partial(checkpoints.run_started, self._plan, self._fleet))
+            self._emit(partial(checkpoints.run_started, run))
             checkpoints.fill_slots(run)
             self._keep_checkpoint(0)
         checkpoints.report_lost(run)
@@ -302,7 +302,8 @@ class Run:
 
     def _conclude(self) -> Report:
         """Write and return the report."""
-        join_threads(self._run.threads, self._fleet.clock)
+        if self._run.threads:
+            join_threads(self._run.threads, self._fleet.clock)
         duration_s = self._run.now_s()
         try:
             self._emit(lambda time_s: RunEnded(time_s, self._report(duration_s)))
@@ -318,15 +319,7 @@ class Run:
         return report
 
     def _report(self, duration_s: float) -> Report:
-        before = self._resumption
-        return checkpoints.make_report(
-            self._run,
-            self._fleet,
-            wall_started=self._wall_started,
-            duration_s=duration_s,
-            continued_s=(*before.continued_s, before.time_s) if before is not None else (),
-            outcome=self._outcome(),
-        )
+        return checkpoints.make_report(self._run, self._resumption, self._wall_started, duration_s, self._outcome())
 
     def _outcome(self) -> tuple[RunOutcome, BaseException | None]:
         errors = self._run.errors()

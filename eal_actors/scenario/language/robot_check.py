@@ -27,10 +27,9 @@ from eal_actors.scenario.language.expressions import (
     expressions_in,
     render,
 )
-from eal_actors.scenario.language.scenario import Scenario
+from eal_actors.scenario.language.scenario import Scenario, Step
 from eal_actors.scenario.language.static_values import MAX_COMBINATIONS, StaticValues, TooManyCombinationsError
 from eal_actors.scenario.language.values import Wanted, number_problem
-from eal_actors.scenario.steps.base import Step
 
 MAX_IN_ALL: Final = 200_000
 """Maximum combinations that are tried for all steps of a scenario together."""
@@ -44,12 +43,29 @@ class Location(NamedTuple):
     inside: tuple[str, int] | None = None
 
 
-class CallLocations(NamedTuple):
-    """The locations of a call's resource, method and arguments."""
+class CheckedCall(NamedTuple):
+    """A call to check, with the locations of its parts.
 
-    resource: Location
-    method: Location
-    arguments: Location
+    Attributes:
+        method: of the resource API.
+        resource: the resource's name.
+        given: the arguments; None if they are not known.
+        resource_at: the location of the resource.
+        method_at: that of the method.
+        arguments_at: that of the arguments.
+    """
+
+    method: str
+    resource: str
+    given: Mapping[str, Any] | None
+    resource_at: Location
+    method_at: Location
+    arguments_at: Location
+
+    @classmethod
+    def at(cls, location: Location, method: str, resource: str, given: Mapping[str, Any]) -> CheckedCall:
+        """Return a call whose parts have one location."""
+        return cls(method, resource, given, location, location, location)
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,46 +274,29 @@ class RobotCheck:
             given = {key: reading.argument} if key is not None else {}
             at = Location((*path, *located.keys), (located.text, located.offset + offset))
             for robots in here.groups:
-                self.call(reading.method, reading.resource, given, CallLocations(at, at, at), robots, here)
+                self.call(CheckedCall.at(at, reading.method, reading.resource, given), robots, here)
 
-    def call(
-        self,
-        method: str,
-        resource: str,
-        given: Mapping[str, Any] | None,
-        at: CallLocations,
-        robots: Sequence[str],
-        here: RobotScope,
-    ) -> ResourceInfo | None:
-        """Check a call of robots with the same resources; return the resource's description if the call is valid.
-
-        Args:
-            method: of the resource API.
-            resource: the resource's name.
-            given: the arguments; None if they are not known.
-            at: the locations of problems.
-            robots: the robots.
-            here: the surroundings of the step.
-        """
-        facts = self._robots[robots[0]]
+    def call(self, call: CheckedCall, robots: Sequence[str], here: RobotScope) -> ResourceInfo | None:
+        """Check a call of robots with the same resources; return the resource's description if the call is valid."""
+        facts, method, resource = self._robots[robots[0]], call.method, call.resource
         info = facts.resources.get(resource)
         if info is None:
             for robot in robots:
                 message = unknown_name("resource", resource, facts.resources) + self._robots[robot].left_out
-                self.report(here, at.resource.path, message, [robot], at.resource.inside)
+                self.report(here, call.resource_at.path, message, [robot], call.resource_at.inside)
             return None
         if method != "halt" and method not in info.methods:
             supported = ", ".join(name for name in METHODS if name in info.methods) or "nothing"
             message = f"{info.name} does not support {method}; it supports {supported}"
-            self.report(here, at.method.path, message, robots, at.method.inside)
+            self.report(here, call.method_at.path, message, robots, call.method_at.inside)
             return None
-        if given is None:
+        if call.given is None:
             return info
-        key = (method, id(info), repr(given))
+        key = (method, id(info), repr(call.given))
         if key not in self._answers:
-            self._answers[key] = _argument_problem(method, info, given)
+            self._answers[key] = _argument_problem(method, info, call.given)
         if (wrong := self._answers[key]) is not None:
-            self.report(here, at.arguments.path, wrong, robots, at.arguments.inside)
+            self.report(here, call.arguments_at.path, wrong, robots, call.arguments_at.inside)
             return None
         return info
 

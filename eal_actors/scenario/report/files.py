@@ -10,7 +10,8 @@ from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Any, Final, TypeAlias
 
-from eal_actors.device.data import DataType, EALData, ValueInfo
+from eal_actors.device.data import DataType, EALData
+from eal_actors.device.info import ValueInfo
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.scenario.report.records import as_json

@@ -4,33 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from typing_extensions import override
 
 from eal_actors.actors.call import Call
 from eal_actors.actors.future import Future
-from eal_actors.device.data import EALData, ValueInfo
-from eal_actors.device.info import ResourceInfo
+from eal_actors.device.data import EALData
+from eal_actors.device.info import ResourceInfo, ValueInfo
 from eal_actors.kernel.errors import EALError, ScenarioError
 from eal_actors.kernel.strict_model import StrictModel
 from eal_actors.kernel.yaml_tree import YamlPath
+from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.context import RunContext
-from eal_actors.scenario.engine.executor import StepAction, perform_step
-from eal_actors.scenario.engine.frames import ExecutionContext, Frame, Participant
+from eal_actors.scenario.engine.executor import perform_step
+from eal_actors.scenario.engine.frames import ExecutionContext, Participant
 from eal_actors.scenario.engine.loop import Coroutine
+from eal_actors.scenario.engine.python_functions import StepFunction
 from eal_actors.scenario.engine.synchronized_start import SynchronizedStart, join_start
 from eal_actors.scenario.language.expressions import Namespace, expressions_in, render, render_text
 from eal_actors.scenario.language.parameters import unit_of, unit_problem
-from eal_actors.scenario.language.robot_check import CallLocations, Location, RobotCheck, RobotScope
-from eal_actors.scenario.language.scenario import ScenarioFile
+from eal_actors.scenario.language.robot_check import CheckedCall, Location, RobotCheck, RobotScope
+from eal_actors.scenario.language.scenario import Keys, ScenarioFile, Show
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
 from eal_actors.scenario.language.values import Text, VariableName
 from eal_actors.scenario.report.files import answer_problem, check_file_name, name_problems, save_answer
-from eal_actors.scenario.steps.base import Keys, Show, TimedStep
-
-if TYPE_CHECKING:  # a plan has steps
-    from eal_actors.scenario.engine.plan import Plan
+from eal_actors.scenario.steps.base import TimedStep
 
 TEXT_FIELDS: Final = ("cmd", "req", "key")
 """The arguments that methods take as texts, even if they look like numbers."""
@@ -106,7 +105,7 @@ class CallStep(TimedStep):
         return " ".join([self.kind, resource, *(str(value) for value in fields.values() if value is not None)])
 
     @override
-    def may_repeat(self, plan: Plan, info: ResourceInfo | None, command: str | None) -> bool:
+    def may_repeat(self, functions: Mapping[str, StepFunction], info: ResourceInfo | None, command: str | None) -> bool:
         if self.method != "send_cmd":
             return self.method not in _CONSUMING
         try:
@@ -120,7 +119,7 @@ class CallStep(TimedStep):
         return self.answer_file is not None
 
     @override
-    def meeting(self, frame: Frame) -> Hashable | None:
+    def meeting(self, frame: Hashable) -> Hashable | None:
         return (frame, id(self)) if self.is_together else None
 
     @override
@@ -163,11 +162,8 @@ class CallStep(TimedStep):
         """Check the call with all values that its arguments can have, and on all robots."""
         fields, resource = self.fields(), self.arguments.resource
         expressions = list(expressions_in((resource, *fields.values())))
-        at = CallLocations(
-            Location((*path, self.kind, "resource")),
-            Location((*path, self.kind)),
-            Location((*path, self.kind, next(iter(fields), "resource"))),
-        )
+        resource_at, method_at = Location((*path, self.kind, "resource")), Location((*path, self.kind))
+        arguments_at = Location((*path, self.kind, next(iter(fields), "resource")))
         is_known = here.are_known(expressions)
         known_only = expressions if is_known else list(expressions_in(resource))
         for robots, names in check.combinations(known_only, path, here):
@@ -175,10 +171,11 @@ class CallStep(TimedStep):
                 name = render_text(resource, names)
                 resolved = self.resolved_fields(names) if is_known else None
             except EALError as error:
-                check.report(here, at.arguments.path, error.message, robots)
+                check.report(here, arguments_at.path, error.message, robots)
                 continue
             given = None if resolved is None else {key: value for key, value in resolved.items() if value is not None}
-            info = check.call(self.method, name, given, at, robots, here)
+            call = CheckedCall(self.method, name, given, resource_at, method_at, arguments_at)
+            info = check.call(call, robots, here)
             if info is not None and given is not None:
                 for keys, problem in self._misfits(here.scenario.file, info, given):
                     check.report(here, (*path, *keys), problem, robots)

@@ -11,7 +11,7 @@ from typing_extensions import override
 
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.kernel.yaml_tree import YamlPath
-from eal_actors.scenario.engine.executor import StepAction
+from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import (
     bare_expressions,
@@ -22,10 +22,11 @@ from eal_actors.scenario.language.expressions import (
     render_text,
     to_plain,
 )
+from eal_actors.scenario.language.scenario import Keys, Show
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
 from eal_actors.scenario.language.values import ExpressionText, Text, Value
-from eal_actors.scenario.steps.base import FallibleStep, Keys, Show
-from eal_actors.scenario.steps.wording import describe_names, short_value
+from eal_actors.scenario.language.wording import describe_names, short_value
+from eal_actors.scenario.steps.base import FallibleStep
 
 
 class ExpectStep(FallibleStep):

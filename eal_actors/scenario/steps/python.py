@@ -3,45 +3,34 @@
 from __future__ import annotations
 
 import contextvars
-import importlib
-import importlib.util
-import inspect
 import threading
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from functools import partial
-from importlib.metadata import entry_points
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from pydantic import Field
 from typing_extensions import override
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.kernel.clock import REAL_TIME, Clock
-from eal_actors.kernel.errors import EALError, Problem, ScenarioError, error_text
+from eal_actors.device.info import ResourceInfo
+from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.errors import EALError, ScenarioError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.kernel.strict_model import NAMES_ONLY
-from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.scenario.engine.executor import StepAction
+from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine, EventLoop
+from eal_actors.scenario.engine.python_functions import StepFunction, find_function
 from eal_actors.scenario.language.expressions import render
-from eal_actors.scenario.language.scenario import Scenario
+from eal_actors.scenario.language.scenario import Keys, Show
 from eal_actors.scenario.language.values import Text, Value, VariableName
-from eal_actors.scenario.steps.base import Keys, Show, TimedStep
+from eal_actors.scenario.steps.base import TimedStep
 
-if TYPE_CHECKING:  # a plan has steps
-    from eal_actors.device.info import ResourceInfo
-    from eal_actors.scenario.engine.plan import Plan
-
-GROUP: Final = "eal_actors.steps"
-"""The group of entry points that hold functions for steps."""
 DEFAULT_TIMEOUT_S: Final = 60.0
 """The deadline if neither the step nor the scenario has one, in real seconds."""
-_JOIN_S: Final = 0.5
-"""Real seconds that functions have to return after the run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,11 +60,6 @@ class StepContext:
     log: Callable[[str], None]
 
 
-StepFunction = Callable[..., Any]
-"""Called as `step(context, **with)`; its result is the step's value. With an attribute `safe_to_repeat = True`, a
-resumed run calls it again if it was interrupted."""
-
-
 class PythonStep(TimedStep):
     """Run a function of Python in a thread of its own."""
 
@@ -88,8 +72,12 @@ class PythonStep(TimedStep):
     """Variable for its result."""
 
     @override
-    def may_repeat(self, plan: Plan, info: ResourceInfo | None, command: str | None) -> bool:
-        return bool(getattr(plan.python.functions[self.python], "safe_to_repeat", False))
+    def prepare(self, fleet: FleetConfig, functions: dict[str, StepFunction]) -> str | None:
+        return find_function(self.python, self.with_, fleet, functions)
+
+    @override
+    def may_repeat(self, functions: Mapping[str, StepFunction], info: ResourceInfo | None, command: str | None) -> bool:
+        return bool(getattr(functions[self.python], "safe_to_repeat", False))
 
     @override
     def needs_everyone(self) -> bool:
@@ -116,7 +104,7 @@ class PythonStep(TimedStep):
         given = {name: render(value, names) for name, value in self.with_.items()}
         limit_s = self.deadline_s(context, names) or run.clock.of_real(DEFAULT_TIMEOUT_S)
         answer = _Answer(self.python, run.clock, run.clock.now() + limit_s, run.loop)
-        function = run.plan.python.functions[self.python]
+        function = run.plan.python[self.python]
         step_context = _step_context(action, answer, dict(names.variables))
         action.is_begun = True
         context.task.touch(None)
@@ -167,99 +155,3 @@ def _call(function: StepFunction, context: StepContext, given: dict[str, Any], a
     except BaseException as error:  # noqa: BLE001  # user code may raise anything, and the run waits for the answer
         get_logger(step=threading.current_thread().name).debug("the function raised", exc_info=error)
         answer.set_exception(ScenarioError(f"{answer.describe()} raised {error_text(error)}"))
-
-
-def join_threads(threads: Sequence[threading.Thread], clock: Clock) -> None:
-    """Wait a little for the functions of a run that is over; log those that do not return."""
-    alive = [thread for thread in threads if thread.is_alive()]
-    if not alive:
-        return
-    end_s = REAL_TIME.now() + _JOIN_S
-    with clock.outside():
-        for thread in alive:
-            thread.join(max(0.0, end_s - REAL_TIME.now()))
-    for thread in alive:
-        if thread.is_alive():
-            get_logger(thread=thread.name).error("the function did not return after the run; its thread keeps running")
-
-
-# The functions of a scenario, found before the run.
-
-
-@dataclass(frozen=True, slots=True)
-class PythonFunctions:
-    """The functions of a scenario's Python steps.
-
-    Attributes:
-        functions: by their names in the scenario.
-        problems: the problems of their names and arguments.
-    """
-
-    functions: Mapping[str, StepFunction] = field(default_factory=dict)
-    problems: tuple[Problem, ...] = ()
-
-    @classmethod
-    def of(cls, scenario: Scenario, fleet: FleetConfig) -> PythonFunctions:
-        """Find the functions that a scenario and its parts name, and check the arguments of the steps.
-
-        It imports the modules of the functions, and so runs their code.
-        """
-        functions: dict[str, StepFunction] = {}
-        wrong: dict[str, str] = {}
-        problems: dict[Problem, None] = {}
-        for owner, path, _, step in scenario.walk():
-            if not isinstance(step, PythonStep):
-                continue
-            if step.python not in functions and step.python not in wrong:
-                found = _find(step.python, fleet)
-                if isinstance(found, str):
-                    wrong[step.python] = found
-                else:
-                    functions[step.python] = found
-            message = wrong.get(step.python) or _argument_problem(functions[step.python], step)
-            if message is not None:
-                problems[owner.problem((*path, "python"), message)] = None
-        return cls(functions, tuple(problems))
-
-
-def _find(name: str, fleet: FleetConfig) -> StepFunction | str:
-    """Return a function, or the problem with its name."""
-    known = {point.name: point for point in entry_points(group=GROUP)}
-    try:
-        if ":" not in name:
-            if name not in known:
-                hint = did_you_mean(name, [*known, *fleet.python_steps])
-                return f"unknown Python step '{name}'{hint}; one of your own is written module:function"
-            found = known[name].load()
-        else:
-            if name not in fleet.python_steps:
-                return f"'{name}' is not among the python_steps that fleet '{fleet.name}' allows; add it there"
-            module, _, function = name.partition(":")
-            found = getattr(_module(module, fleet.source.parent), function)
-    except Exception as error:  # noqa: BLE001  # importing user code may raise anything
-        return f"'{name}' cannot be loaded: {error_text(error)}"
-    return found if callable(found) else f"'{name}' is no function"
-
-
-def _module(name: str, folder: Path) -> Any:
-    """Import a module: the one beside the fleet file if there is one, otherwise an installed one."""
-    file = folder / f"{name}.py"
-    if "." in name or not file.is_file():
-        return importlib.import_module(name)
-    spec = importlib.util.spec_from_file_location(name, file)
-    if spec is None or spec.loader is None:
-        raise ImportError(f"{file} is no module")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def _argument_problem(function: StepFunction, step: PythonStep) -> str | None:
-    """Return why a function does not take the arguments of a step, or None."""
-    try:
-        inspect.signature(function).bind(None, **dict.fromkeys(step.with_))
-    except TypeError as error:
-        return f"'{step.python}' does not take these arguments: {error}"
-    except ValueError:  # a function without a signature
-        return None
-    return None

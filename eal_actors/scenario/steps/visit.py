@@ -5,22 +5,24 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from typing_extensions import override
 
+from eal_actors.device.info import ResourceInfo
 from eal_actors.kernel.yaml_tree import YamlPath
+from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.computing import compute
 from eal_actors.scenario.engine.context import RunContext
-from eal_actors.scenario.engine.executor import StepAction, perform_step, perform_steps
+from eal_actors.scenario.engine.executor import perform_step, perform_steps
 from eal_actors.scenario.engine.frames import ExecutionContext
 from eal_actors.scenario.engine.loop import Coroutine
+from eal_actors.scenario.engine.python_functions import StepFunction
 from eal_actors.scenario.language.expressions import Namespace, expressions_in, render
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
-from eal_actors.scenario.language.scenario import Scenario
+from eal_actors.scenario.language.scenario import Keys, Scenario, Show, Step, Steps
 from eal_actors.scenario.language.scope import LoopVariable, Scope, ScopeCheck
 from eal_actors.scenario.language.static_values import StaticLoop, value_of_parameters
-from eal_actors.scenario.steps.base import Keys, Show, Step, Steps, count_calls
 from eal_actors.scenario.steps.for_ import LoopValues
 from eal_actors.scenario.steps.loop import LoopStep
 from eal_actors.scenario.steps.places import (
@@ -32,10 +34,6 @@ from eal_actors.scenario.steps.places import (
     place_words,
     places_of,
 )
-
-if TYPE_CHECKING:  # a plan has steps
-    from eal_actors.device.info import ResourceInfo
-    from eal_actors.scenario.engine.plan import Plan
 
 PLACE: Final = "place"
 """The variable that holds the present place."""
@@ -102,13 +100,13 @@ class VisitStep(LoopStep):
     @override
     def count_calls(self, scenario: Scenario, path: YamlPath, robots: int | None, live: Mapping[str, int]) -> int:
         visitors = 1 if self.split else robots or 0
-        each = visitors + count_calls(scenario, self.do, (*path, "do"), visitors, live)
+        each = visitors + scenario.count_calls(self.do, (*path, "do"), visitors, live)
         return each * (self.passes(scenario) or 0)
 
     # Execution.
 
     @override
-    def may_repeat(self, plan: Plan, info: ResourceInfo | None, command: str | None) -> bool:
+    def may_repeat(self, functions: Mapping[str, StepFunction], info: ResourceInfo | None, command: str | None) -> bool:
         return True  # it drives to a place
 
     @override

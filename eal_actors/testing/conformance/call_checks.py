@@ -7,8 +7,8 @@ from typing import Any, Final
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle
-from eal_actors.device.data import EALData, ValueInfo
-from eal_actors.device.info import METHODS
+from eal_actors.device.data import EALData
+from eal_actors.device.info import METHODS, ValueInfo
 from eal_actors.kernel.errors import ArgumentError, UnavailableError, UnsupportedError
 from eal_actors.testing.conformance.bench import Bench, Findings, wait_until_started
 from eal_actors.testing.conformance.motion_checks import start_lasting_command

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 
-from eal_actors.device.data import DataType, ValueInfo
-from eal_actors.device.info import ResourceInfo
+from eal_actors.device.data import DataType
+from eal_actors.device.info import ResourceInfo, ValueInfo
 from eal_actors.managers.plugins import EALPluginManager, import_plugin
 from eal_actors.testing.conformance.bench import Bench, Findings
 

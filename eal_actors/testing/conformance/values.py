@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, Final
 
-from eal_actors.device.data import DataType, EALData, ValueInfo
-from eal_actors.device.info import CommandInfo
+from eal_actors.device.data import DataType, EALData
+from eal_actors.device.info import CommandInfo, ValueInfo
 
 _NUMBERS: Final = (DataType.INT, DataType.FLOAT, DataType.DOUBLE)
 

@@ -12,7 +12,7 @@ The fleet is its name; behind a `~` follows its identity, if it has one.
 
 The caller is the name of the controller's certificate, the client a secret of its process. So access control prevents
 a controller from calling or sending heartbeats in another one's name, and from reading another one's replies. Robots
-publish a client only as its `client_id`, from which nobody can make a key. The key of the token is the same in all
+publish a client only as its `client_id`, which does not reveal the key. The key of the token is the same in all
 versions of the protocol, so that robots of other releases are found and recognised.
 
 Each name is one chunk of a key. Letters, digits, `_`, `.`, `-` and `~` are kept, everything else is percent-encoded,

@@ -20,10 +20,12 @@ Guarantees, if the clocks drift by at most MAX_DRIFT against each other. `Comman
 
 Epochs and sequence numbers advance within bounds: a jump further than a controller can count is refused.
 
-Memory is bounded. Outcomes of old commands are forgotten one by one, and whole clients when too many others were heard
-more recently: first those of the certificate with most clients, so that nobody's clients push out another's. Of an
-unknown client, only commands pass that were sent after the robot last heard any client that it
-has forgotten.
+Memory is bounded. Outcomes of old commands are forgotten one by one, so late that a controller can still ask for all
+that it waits for: it may have a full mailbox of commands for each resource, and asks a second or more after a reply was
+lost. When there are too many in all, the certificate with most of them loses its oldest. Whole clients are forgotten
+when too many others were heard more recently: first those of the certificate with most clients, so that nobody's
+clients push out another's. Of an unknown client, only commands pass that were sent after the robot last heard any
+client that it has forgotten.
 
 Limits:
 - A clock must run while its process is frozen. The system's monotonic clock does, but not while the machine sleeps:
@@ -189,14 +191,17 @@ class CommandHistory(Generic[T]):
         era: identifier of this run of the robot's server.
         outcomes: number of outcomes kept for each client, 1 or more.
         clients: number of clients kept, 1 or more.
+        outcomes_in_all: number of outcomes kept for all clients together, `clients` or more.
 
     Thread: one at a time.
     """
 
-    def __init__(self, era: str, *, outcomes: int = 64, clients: int = 256) -> None:
+    def __init__(self, era: str, *, outcomes: int = 1024, clients: int = 256, outcomes_in_all: int = 4096) -> None:
         self.era: Final = era
         self._max_outcomes: Final = outcomes
         self._max_clients: Final = clients
+        self._max_outcomes_in_all: Final = outcomes_in_all
+        self._outcomes = 0
         self._clients: OrderedDict[str, _ClientHistory[T]] = OrderedDict()
         self._sent_after_s = -math.inf
 
@@ -250,8 +255,22 @@ class CommandHistory(Generic[T]):
             return
         history.running.remove(call)
         history.outcomes[call] = outcome
-        if len(history.outcomes) > self._max_outcomes:
-            history.outcomes.popitem(last=False)
+        self._outcomes += 1
+        if self._outcomes > self._max_outcomes_in_all:
+            history = self._most_outcomes()
+        elif len(history.outcomes) <= self._max_outcomes:
+            return
+        history.outcomes.popitem(last=False)
+        self._outcomes -= 1
+
+    def _most_outcomes(self) -> _ClientHistory[T]:
+        """Return the client with most outcomes, of the certificate with most of them."""
+        counts = Counter[str]()
+        for client, history in self._clients.items():
+            counts[certificate_id(client)] += len(history.outcomes)
+        ((most, _),) = counts.most_common(1)
+        histories = (history for client, history in self._clients.items() if certificate_id(client) == most)
+        return max(histories, key=lambda history: len(history.outcomes))
 
     def recall(self, call: CallId) -> CommandRecord[T] | None:
         """Return the record of a command; None if it was never accepted or is forgotten."""
@@ -291,7 +310,9 @@ class CommandHistory(Generic[T]):
         most = max(counts.values())
         others = [client for client in list(self._clients)[:-1] if counts[certificate_id(client)] == most]
         name = next((other for other in others if not self._clients[other].running), others[0])
-        self._sent_after_s = max(self._sent_after_s, self._clients.pop(name).heard_s)
+        forgotten = self._clients.pop(name)
+        self._outcomes -= len(forgotten.outcomes)
+        self._sent_after_s = max(self._sent_after_s, forgotten.heard_s)
 
 
 def _check_order(history: _ClientHistory[T], stamp: Stamp, resource: str, sent_s: float) -> None:

@@ -17,6 +17,7 @@ from eal_actors.plugin import (
     UnavailableError,
     UnsupportedError,
     WheelCalibration,
+    slip_error,
     wrapped_rad,
 )
 
@@ -28,9 +29,9 @@ from ..sensors import dropped_wheels, free_way_m, pressed_bumpers, seen_cliffs
 from ..world import SimWorld
 from .robot_resource import RobotResource
 
-_PROGRESS_S: Final = 0.5
+_PROGRESS_S: Final = 0.5, 2.0
 _PROGRESS_REPORTS: Final = 20
-"""A motion reports its progress this often, but at least `_PROGRESS_S` apart: each report costs a world step."""
+"""A motion reports its progress this often, but within `_PROGRESS_S` apart: each report costs a world step."""
 
 _GROUND_POLL_S: Final = 0.05
 """Poll interval of the cliff sensors while the robot moves, as in a driver of a real robot."""
@@ -98,7 +99,7 @@ class Base(DifferentialBase, RobotResource):
             self._world.stop(self._robot)
             self._check_ground(forward)
             self._world.start(self._robot, move)
-        report_s = max(_PROGRESS_S, move.remaining_s / _PROGRESS_REPORTS)
+        report_s = sorted((*_PROGRESS_S, move.remaining_s / _PROGRESS_REPORTS))[1]
         try:
             while not move.is_over:
                 yield min(self._poll_s(move), report_s)
@@ -158,6 +159,7 @@ class Base(DifferentialBase, RobotResource):
         """Stop a robot with a stalled wheel, as the firmware of the real robots does.
 
         Raises:
+            BlockedError: something holds the robot.
             ResourceFaultError: a wheel is stalled.
             UnavailableError: the motion was cut short.
         """
@@ -165,6 +167,8 @@ class Base(DifferentialBase, RobotResource):
         if faults is not HEALTHY and (stalled := faults.stalled_wheels(forward=forward)):
             self._world.stop(self._robot)
             raise ResourceFaultError(f"halted: the {stalled} wheel was driven, but its encoder counted nothing")
+        if self._robot.slipped_m > motion.most_slip_m:
+            raise slip_error(self._robot.slipped_m)
         if self._robot.motion is None and not motion.is_over:
             reason = "battery is empty" if self._robot.battery.is_empty else "its motors had no power for a while"
             raise UnavailableError(f"{reason}: robot {self._robot.name!r} has stopped")

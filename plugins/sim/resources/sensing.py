@@ -33,7 +33,7 @@ _BOOL = ValueInfo(DataType.BOOL)
 
 
 class Battery(RobotResource):
-    """How full the battery is, 0 to 1."""
+    """The battery's charge, 0 to 1."""
 
     types = ResourceType.SENSOR
     value = ValueInfo(DataType.DOUBLE, None, 0, 1, description="fraction of the capacity that is left")

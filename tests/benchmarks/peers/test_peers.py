@@ -13,6 +13,7 @@ from tests.benchmarks.peers.peer import Absent, Peer
 from tests.benchmarks.peers.tcp import Tcp
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [Tcp, Zenoh, Publications, Pykka, Ours])
 def test_every_measure_gives_seconds(kind: type[Peer]) -> None:
     peer = kind()

@@ -94,9 +94,13 @@ def test_keys_do_nothing_before_they_are_armed(open_page: OpenPage, dashboard: D
 PAD = """
 window.pad = { connected: true, mapping: 'standard', axes: [0, -1, 0, 0],
                buttons: Array.from({ length: 17 }, () => ({ pressed: false })) };
-navigator.getGamepads = () => [window.pad];
+window.onPadRead = () => {};
+navigator.getGamepads = () => { window.onPadRead(); return [window.pad]; };
 """
 """A gamepad in the form of the Gamepad API: Chromium has no way to plug one in."""
+THREE_PAD_READS = """
+new Promise((done) => { let reads = 0; window.onPadRead = () => { if (++reads === 3) done(null); }; })
+"""
 
 
 def press_pad(page: Page, base: Any) -> None:
@@ -123,7 +127,9 @@ def test_a_gamepad_drives_while_its_dead_man_button_is_held(driving: Page, fleet
         halted(base)
     with base.changed:
         twists = base.twists
-    driving.evaluate("window.pad.connected = true")  # the stick alone moves nothing
-    driving.keyboard.press("Escape")
+    for state in ("connected = true", "buttons[5].pressed = false"):  # still held when it comes back; the stick alone
+        driving.evaluate(f"window.pad.{state}")
+        driving.evaluate(THREE_PAD_READS)
+    driving.keyboard.press("Escape")  # after which the server has heard everything before it
     expect(driving.locator("#stopped")).to_be_visible()
     assert base.twists == twists

@@ -5,10 +5,8 @@ from __future__ import annotations
 import re
 import shutil
 import signal
-from collections.abc import Callable
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 import pytest
 from playwright.sync_api import Page, expect
@@ -22,34 +20,16 @@ from eal_actors.operate.dashboard import Access, Dashboard, tls_context
 from eal_actors.operate.dashboard.sign_in import WRONG_TOKENS
 from eal_actors.operate.dashboard.tokens import hash_token, new_token
 from eal_actors.wire.security.certificates import key_file, make_authority, make_certificate
-from tests.house import javascript
 from tests.net.links import free_port
 from tests.net.rig import Rig, served
-from tests.operate.dashboard.rig import ROOT, SIM, open_dashboard, resource_of, wait_for
+from tests.operate.dashboard.pages import VIEWS, OpenPage, connected, go, wait_until_halted
+from tests.operate.dashboard.rig import ROOT, SIM, open_dashboard, resource_of
 from tests.operate.dashboard.test_command import started
 
-OpenPage = Callable[..., AbstractContextManager[Page]]
-VIEWS = ("mission", "fleet", "map", "cameras", "scenario", "logs", "robot/one")
 NOTE_PRESSES = "addEventListener('keydown', (event) => { window.pressedMs = Date.now(); }, { capture: true })"
-AXE = (
-    """axe.run({ rules: { "label-content-name-mismatch": { enabled: true } } }).then(({ violations }) => violations)"""
-)
 POSES = "import('/static/store.js').then((module) => JSON.stringify(module.store.poses))"
 
 pytestmark = pytest.mark.timeout(180)
-expect.set_options(timeout=20_000)
-
-
-def go(page: Page, view: str) -> None:
-    page.evaluate("(view) => { location.hash = `#/${view}`; }", view)
-
-
-def wait_until_halted(base: Any) -> None:
-    wait_for(base, lambda: base.halts > 0)
-
-
-def connected(page: Page) -> None:
-    expect(page.locator("#connection")).to_contain_text("connected")
 
 
 # A scenario, from its start to the stop.
@@ -97,7 +77,8 @@ def test_a_running_command_shows_its_progress_and_controller(
         expect(row).to_contain_text("nobody")
 
 
-def test_the_view_links_to_the_report_of_a_run(open_page: OpenPage, fleet: Fleet, tmp_path: Path) -> None:
+def test_the_view_replays_a_run_and_links_to_its_report(open_page: OpenPage, fleet: Fleet, tmp_path: Path) -> None:
+    """The report ran no scripts here. Escape stops the robots from inside the replay too."""
     scenarios = tmp_path / "scenarios"
     scenarios.mkdir()
     (scenarios / "turn.yaml").write_text(
@@ -113,6 +94,14 @@ def test_the_view_links_to_the_report_of_a_run(open_page: OpenPage, fleet: Fleet
             page.get_by_role("link", name="Report").click()
         expect(opened.value).to_have_title("turn on counted: done")
         expect(opened.value.locator("table").first).to_contain_text("two")
+        replay = page.frame_locator("iframe[title='Replay of the run']")
+        expect(page.locator("iframe[title='Replay of the run']")).to_be_visible()
+        expect(replay.locator("#player-now")).to_contain_text("one")  # the player has run
+        expect(replay.locator(".bar").first).to_have_text("turn9")
+        replay.locator("#player-time").focus()
+        page.keyboard.press("Escape")
+        expect(page.locator("#notices")).to_contain_text("2 robots confirmed the stop")
+        assert all(robot.stopped_because for robot in fleet.values())
 
 
 def poses_after(fleet: Fleet, robot: str, start_s: float) -> set[tuple[float, ...]]:
@@ -354,61 +343,3 @@ def test_the_panel_checks_ranges_and_shows_robots_texts_as_text(open_page: OpenP
         go(page, "fleet")
         expect(page.locator("tr[data-robot='one']")).to_contain_text("<b>wheel</b> fell off")
         assert page.locator("main b", has_text="wheel").count() == 0
-
-
-# Layout and accessibility.
-
-
-@pytest.fixture(scope="module")
-def axe() -> str:
-    """The source of axe-core, which finds violations of the accessibility guidelines."""
-    try:
-        failed = javascript.install()
-    except javascript.NotCheckedError as error:
-        pytest.skip(str(error))
-    assert failed is None, failed.stderr
-    return (javascript.FOLDER / "node_modules/axe-core/axe.min.js").read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_axe_finds_no_violation_in_any_view(
-    open_page: OpenPage, fleet: Fleet, dashboard: Dashboard, axe: str, scheme: str
-) -> None:
-    with open_page(dashboard.link, color_scheme=scheme) as page:
-        connected(page)
-        page.evaluate(axe)
-        found = [line for view in VIEWS for line in violations(page, view)]
-        page.keyboard.press("Escape")
-        expect(page.locator("#stopped")).to_contain_text("All robots refuse to move")
-        assert not found + violations(page, "fleet")
-
-
-def violations(page: Page, view: str) -> list[str]:
-    """Return what axe finds in a view, with all that can be unfolded."""
-    go(page, view)
-    expect(page.locator("main h1")).to_be_visible()
-    if view.startswith("robot/"):
-        expect(page.locator(".reading .number").first).to_be_visible()
-        page.evaluate("for (const part of document.querySelectorAll('details')) part.open = true")
-    return [
-        f"{view}: {violation['id']}: {node['html'][:160]}: {node['failureSummary']}"
-        for violation in page.evaluate(AXE)
-        for node in violation["nodes"]
-    ]
-
-
-@pytest.mark.parametrize("view", VIEWS)
-@pytest.mark.parametrize("width", [375, 1280])
-def test_nothing_is_wider_than_the_screen_and_everything_has_a_name(
-    open_page: OpenPage, dashboard: Dashboard, view: str, width: int
-) -> None:
-    with open_page(dashboard.link + f"#/{view}", viewport={"width": width, "height": 720}) as page:
-        connected(page)
-        expect(page.locator("main h1")).to_be_visible()
-        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
-        expect(page.get_by_role("button", name="STOP")).to_be_in_viewport()
-        nameless = page.evaluate(
-            """[...document.querySelectorAll('button, select, input, canvas')].filter((node) =>
-                !(node.getAttribute('aria-label') || node.textContent.trim() || node.labels?.length)).length"""
-        )
-        assert nameless == 0

@@ -49,7 +49,7 @@ def test_a_run_from_the_page_leaves_all_that_eal_run_leaves(tmp_path: Path) -> N
             assert page.ask(do="start", file="turn.yaml")["ok"] is True
             page.hear_until(lambda: page.run.get("run") == number and "report" in page.run)  # noqa: B023
         status, policy, body = get(dashboard, page.run["report"])
-        assert (status, policy.endswith("; sandbox")) == (200, True)
+        assert (status, policy.endswith("; sandbox allow-scripts")) == (200, True)
         assert "<title>turn on sim: done</title>" in body
         assert get(dashboard, "/runs/../secret/report.html")[0] == 404
         assert get(dashboard, "/runs/elsewhere/report.html")[0] == 404

@@ -13,8 +13,8 @@ import pytest
 from eal_actors.actors import call as calls
 from eal_actors.actors.combine import gather
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.device.data import DataType, EALData, ValueInfo
-from eal_actors.device.info import ResourceType
+from eal_actors.device.data import DataType, EALData
+from eal_actors.device.info import ResourceType, ValueInfo
 from eal_actors.device.resource import Activity, Resource, command
 from eal_actors.kernel.clock import SystemClock
 from eal_actors.kernel.errors import ResourceFaultError, UnavailableError

@@ -6,9 +6,19 @@ import math
 from typing import Any
 
 import pytest
+from pydantic import ValidationError
 
 from eal_actors.device.data import EALData
-from eal_actors.plugin import Activity, ArgumentError, DifferentialBase, Drivetrain, WheelCalibration
+from eal_actors.plugin import (
+    Activity,
+    ArgumentError,
+    DifferentialBase,
+    Drivetrain,
+    MobileBaseSettings,
+    Radius,
+    UnsupportedError,
+    WheelCalibration,
+)
 
 TANK = Drivetrain("tank", 0.2, speed_m_s=0.3, max_speed_m_s=0.5, turn_rate_deg_s=60.0, max_turn_rate_deg_s=120.0)
 
@@ -101,6 +111,29 @@ def test_a_calibration_is_what_the_wheels_are_told(base: Base) -> None:
 
     assert base.calibration == WheelCalibration(track_factor=1.5, wheel_ratio=1.02)
     assert base.asked == [("follow", pytest.approx(-0.15 * 1.01), pytest.approx(0.15 * 1.01 / 1.02))]
+
+
+def test_a_robot_that_calibrates_its_own_wheels_takes_no_calibration() -> None:
+    class Vehicle(Base):
+        calibration = DifferentialBase.calibration  # not that of Base
+
+    vehicle = Vehicle()
+    vehicle.set_config("track_factor", EALData.of(1.0))
+
+    with pytest.raises(UnsupportedError, match="type tank calibrates its own wheels"):
+        vehicle.set_config("track_factor", EALData.of(1.5))
+    assert vehicle.calibration == WheelCalibration()
+
+
+def test_settings_of_size_and_speed_make_a_drivetrain() -> None:
+    class Settings(MobileBaseSettings):
+        radius_m: Radius = 0.25
+
+    drivetrain = Settings(max_speed_m_s=2.0).drivetrain("cart", track_m=0.4)
+
+    assert drivetrain == Drivetrain("cart", 0.4, 0.5, 2.0, 45.0, 120.0, acceleration_m_s2=0.4, radius_m=0.25)
+    with pytest.raises(ValidationError, match="radius_m"):
+        Settings(radius_m=0.0)
 
 
 def test_stop_halts(base: Base) -> None:

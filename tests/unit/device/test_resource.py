@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from eal_actors.device.data import DataType, EALData, ValueInfo
-from eal_actors.device.info import METHODS, ResourceInfo, ResourceType
+from eal_actors.device.data import DataType, EALData
+from eal_actors.device.info import METHODS, ResourceInfo, ResourceType, ValueInfo
 from eal_actors.device.resource import Activity, Resource, command, config, config_setter, request
 from eal_actors.kernel.errors import ArgumentError, UnsupportedError
 from eal_actors.plugin import EALPlugin, PluginError

@@ -16,6 +16,8 @@ from tests.problems import problems_of
 
 SHIPPED_FLEETS = sorted(bundled_path("fleets").glob("*.yaml"))
 SHIPPED_WORLDS = sorted(bundled_path("fleets/worlds").glob("*.yaml"))
+FLEET_VALIDATOR = jsonschema.Draft202012Validator(fleet_schema())
+WORLD_VALIDATOR = jsonschema.Draft202012Validator(world_schema())
 
 
 @pytest.fixture
@@ -114,13 +116,13 @@ def test_the_environment_of_the_process_is_the_default(tmp_path: Path, monkeypat
 @pytest.mark.parametrize("path", SHIPPED_FLEETS, ids=lambda path: path.stem)
 def test_shipped_fleets_are_right_by_model_and_schema(path: Path) -> None:
     EALConfigManager.load(path, environment={})
-    jsonschema.validate(load_yaml(path).root, fleet_schema(), jsonschema.Draft202012Validator)
+    FLEET_VALIDATOR.validate(load_yaml(path).root)
 
 
 @pytest.mark.parametrize("path", SHIPPED_WORLDS, ids=lambda path: path.stem)
 def test_shipped_worlds_are_right_by_model_and_schema(path: Path) -> None:
     load_world(path)
-    jsonschema.validate(load_yaml(path).root, world_schema(), jsonschema.Draft202012Validator)
+    WORLD_VALIDATOR.validate(load_yaml(path).root)
 
 
 def test_both_kinds_of_files_are_shipped() -> None:
@@ -159,15 +161,17 @@ ROBOTS = "robots: {r: {plugins: {s: {}}}}"
     ],
 )
 def test_model_and_schema_refuse_the_same_fleets(tmp_path: Path, text: str) -> None:
-    check_refusal(tmp_path / "f.yaml", text, EALConfigManager.load, fleet_schema())
+    check_refusal(tmp_path / "f.yaml", text, EALConfigManager.load, FLEET_VALIDATOR)
 
 
-def check_refusal(path: Path, text: str, load: Callable[[Path], object], schema: dict[str, Any]) -> None:
+def check_refusal(
+    path: Path, text: str, load: Callable[[Path], object], validator: jsonschema.Draft202012Validator
+) -> None:
     """Check that a file has one problem, and that the schema refuses it too."""
     path.write_text(text)
     assert len(problems_of(lambda: load(path))) == 1
     with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(load_yaml(path).root, schema, jsonschema.Draft202012Validator)
+        validator.validate(load_yaml(path).root)
 
 
 @pytest.mark.parametrize(
@@ -201,7 +205,7 @@ def check_refusal(path: Path, text: str, load: Callable[[Path], object], schema:
     ],
 )
 def test_model_and_schema_refuse_the_same_worlds(tmp_path: Path, rest: str) -> None:
-    check_refusal(tmp_path / "w.yaml", f"version: 1\nname: w\n{rest}\n", load_world, world_schema())
+    check_refusal(tmp_path / "w.yaml", f"version: 1\nname: w\n{rest}\n", load_world, WORLD_VALIDATOR)
 
 
 def test_the_schema_describes_the_keys() -> None:

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eal_actors.device.data import DataType, EALData, ValueInfo
+from eal_actors.device.data import DataType, EALData
+from eal_actors.device.info import ValueInfo
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.scenario.report.files import answer_problem, check_file_name, image_writer, save_answer, suffix_problem
 

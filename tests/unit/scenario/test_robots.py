@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.device.data import DataType, ValueInfo
-from eal_actors.device.info import CommandInfo, ConfigInfo, ResourceInfo, ResourceType
+from eal_actors.device.data import DataType
+from eal_actors.device.info import CommandInfo, ConfigInfo, ResourceInfo, ResourceType, ValueInfo
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import Scenario, load_scenario

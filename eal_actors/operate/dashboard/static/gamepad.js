@@ -15,11 +15,15 @@ export function curved(value) {
   return Math.sign(value) * (0.4 * size + 0.6 * size ** 3);
 }
 
-/** Reads the gamepads while a panel is armed. The stick counts only while a shoulder button is held. */
+/**
+ * Reads the gamepads while a panel is armed. The stick counts only while a shoulder button is held. After a gamepad is
+ * lost, the button must be released and pressed again.
+ */
 export class GamepadReader {
   /** @type {ReturnType<typeof setInterval> | null} */
   #timer = null;
   #wasHeld = false;
+  #mustRelease = false;
 
   /** @param {(stick: { ahead: number, left: number } | null) => void} onStick - null when the dead-man is released. */
   constructor(onStick) {
@@ -38,7 +42,9 @@ export class GamepadReader {
   #read() {
     const pads = (navigator.getGamepads?.() ?? []).filter((pad) => pad?.connected && pad.mapping === "standard");
     const held = pads.find((pad) => pad && DEAD_MEN.some((button) => pad.buttons[button]?.pressed));
-    if (!held || document.hidden) {
+    if (pads.length === 0) this.#mustRelease ||= this.#wasHeld;
+    else if (!held) this.#mustRelease = false;
+    if (!held || this.#mustRelease || document.hidden) {
       this.#end();
       return;
     }

@@ -202,17 +202,26 @@ async function resume() {
   if (!answer.ok) notify(`Not resumed: ${describeFailure(answer)}`, true);
 }
 
+function stopByKey() {
+  dialog.close();
+  stop();
+}
+
 byId("stop").onclick = stop;
 window.addEventListener(
   "keydown",
   (event) => {
     if (event.key !== "Escape" || event.repeat) return;
     event.preventDefault();
-    dialog.close();
-    stop();
+    stopByKey();
   },
   { capture: true },
 );
+// Keys that are pressed inside the replay of a run do not reach this page: its player passes Escape on.
+window.addEventListener("message", (event) => {
+  const isOurs = [...document.querySelectorAll("iframe")].some((frame) => frame.contentWindow === event.source);
+  if (isOurs && event.data === "Escape") stopByKey();
+});
 byId("resume").onclick = () => dialog.showModal();
 byId("confirm-no").onclick = () => dialog.close();
 byId("confirm-yes").onclick = resume;

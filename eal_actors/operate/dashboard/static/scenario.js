@@ -29,19 +29,29 @@ export function scenarioView(root) {
   const status = new RunStatus();
   const canvas = el("canvas", { role: "img", "aria-label": "Timeline of the run" });
   const frame = el("div", { class: "panel timeline", tabIndex: 0 }, canvas);
+  const replay = el("iframe", { class: "panel replay", title: "Replay of the run", hidden: true });
+  replay.setAttribute("sandbox", "allow-scripts");
   const notes = el("ul", { class: "notes small", "aria-label": "Events of the run" });
   const heading = el("h2", {}, "Events ", el("span", { class: "faint small" }, "fleet time since the start"));
   const notesPanel = el("div", { class: "panel stack" }, heading, notes);
   root.append(
     el("h1", {}, "Scenario"),
-    el("div", { class: "split" }, form.node, el("div", { class: "stack" }, plans.node, status.node, frame, notesPanel)),
+    el(
+      "div",
+      { class: "split" },
+      form.node,
+      el("div", { class: "stack" }, plans.node, status.node, frame, replay, notesPanel),
+    ),
   );
   let timeline = new Timeline();
   /** @type {RunEvent | undefined} */
   let first;
 
   function showRun() {
-    frame.hidden = store.run.phase === "none";
+    const source = store.run.phase !== "none" && store.run.report ? `${store.run.report}#replay` : "";
+    frame.hidden = store.run.phase === "none" || source !== "";
+    replay.hidden = !source;
+    if (source && replay.getAttribute("src") !== source) replay.src = source;
     status.update();
     form.enable();
   }

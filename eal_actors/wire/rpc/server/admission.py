@@ -136,6 +136,8 @@ class Admission:
 
     def finish(self, call: CallId, outcome: Answer) -> None:
         """Record the outcome of an admitted command."""
+        if isinstance(outcome, EALError):
+            outcome = outcome.copy()  # without its traceback, which refers to the arguments of the call
         with self._guard:
             self._history.finish(call, outcome)
 

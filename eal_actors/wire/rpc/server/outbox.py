@@ -25,9 +25,7 @@ _LARGE_BYTES: Final = 32 * 1024
 _LARGE_PAUSE_S: Final = 2.0
 """Real seconds after a large payload in which the link may still be full of it."""
 _SLOW_PUT_S: Final = 0.0009
-_SLOW_PAUSE_S: Final = 0.1
-"""Real seconds after a slow put in which no other thread tries again. A full link drops a message after 1 ms, so a
-controller that reads nothing takes at most 1 % of the time of the threads that serve the others."""
+"""Real seconds of a put after which a full link may have dropped the message, as it does after 1 ms."""
 
 MAX_BACKLOG_BYTES: Final = 64 * 1024 * 1024
 """Bytes of values that may wait to be sent; while more wait, further values are refused."""
@@ -92,14 +90,15 @@ class Outbox(Sender):
         """Send a message in this thread if that takes no time, else queue it.
 
         The thread is an actuator's or the reader's, which no controller may block. So a full link drops the message
-        after 1 ms, and the controller asks for a command's outcome again; where that is likely, it is queued.
+        after 1 ms, and a message whose put took so long is sent again by the queue: the other end ignores a second
+        reply. Afterwards the engine drops at once until the link has room, but by then that message waits in the queue,
+        and further ones go behind it. A router would drop it unnoticed.
         """
         now_s = REAL_TIME.now()
-        is_quiet = self.is_idle and not is_urgent and now_s >= self._busy_until_s
-        if not is_quiet or not self._put_here(key, envelope, payload, is_vital=False):
+        is_quiet = self.is_idle and not is_urgent and now_s >= self._busy_until_s and not self._transport.is_relayed
+        is_sent = is_quiet and self._put_here(key, envelope, payload, is_vital=False)
+        if not is_sent or REAL_TIME.now() - now_s >= _SLOW_PUT_S:
             self.publish(key, envelope, payload, is_urgent=is_urgent)
-        elif REAL_TIME.now() - now_s >= _SLOW_PUT_S:
-            self._busy_until_s = max(self._busy_until_s, now_s + _SLOW_PAUSE_S)
 
     def _put_here(self, key: str, envelope: bytes, payload: Payload, *, is_vital: bool) -> bool:
         """Send a message in this thread; return False if another thread is sending."""

@@ -43,7 +43,9 @@ def check(model: str, side_m: float, seeds: Iterable[int]) -> None:
     assert min(gains.values()) > 1, f"{table}; by seed: {gains}"
 
 
-@pytest.mark.parametrize("model", FACTORS)
+@pytest.mark.parametrize(
+    "model", [pytest.param("roomba", marks=pytest.mark.slow), pytest.param("evbot2", marks=pytest.mark.slow), "evbot3"]
+)
 def test_a_calibration_makes_errors_smaller(model: str) -> None:
     check(model, 2.0, range(3))
 

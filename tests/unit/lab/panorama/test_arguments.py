@@ -42,6 +42,7 @@ def test_steps_that_leave_too_little_overlap_are_refused_before_any_work(number:
         stitch([FRAME] * number, steps(number), math.radians(50))
 
 
+@pytest.mark.slow
 def test_ten_degrees_of_overlap_are_enough() -> None:
     view_rad = STEP_RAD + math.radians(10)
     true_rad = noisy(steps(), seed=2)

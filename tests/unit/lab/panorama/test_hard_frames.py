@@ -67,6 +67,7 @@ def test_frames_of_different_exposure_become_equally_bright() -> None:
     assert corrected.max() / corrected.min() < 1.06, "but for what was too bright to tell"
 
 
+@pytest.mark.slow
 def test_noise_does_not_mislead() -> None:
     panorama = stitch([expose(f, 1, 12, seed) for seed, f in enumerate(good())], MEANT, VIEW_RAD)
     assert not panorama.unplaced
@@ -220,6 +221,7 @@ def test_a_camera_beside_the_axis_is_corrected(ahead_m: float, left_m: float) ->
     assert psnr_db(panorama.image, truth(panorama, TRUE, 1)) > 25
 
 
+@pytest.mark.slow
 def test_a_robot_that_drives_by_is_shown_whole_or_not_at_all() -> None:
     """A robot stands on each seam while the frame to the left of it is taken, and has left before the next one."""
     look, lens = RobotAppearance(0.17, 0.5, (200, 60, 40), 0.5), PinholeLens(320, 240, 60)
@@ -256,6 +258,7 @@ def test_pictures_overrule_a_step_that_is_wrong() -> None:
     assert math.degrees(yaw_error_rad(pair, true_rad[:2])) < 0.5
 
 
+@pytest.mark.slow
 def test_a_camera_that_is_not_quite_level_is_followed() -> None:
     raised = cv2.copyMakeBorder(good()[2][:-4], 4, 0, 0, 0, cv2.BORDER_REPLICATE)
     panorama = stitch(ring_with(2, np.asarray(raised, np.uint8)), MEANT, VIEW_RAD)

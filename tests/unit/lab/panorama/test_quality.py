@@ -35,6 +35,7 @@ def check_seed(seed: int, width: int) -> None:
     assert yaw_error_deg < 0.05
 
 
+@pytest.mark.slow
 def test_a_small_panorama_agrees_with_the_rays() -> None:
     check_seed(seed=1, width=320)
 

@@ -55,6 +55,17 @@ def test_a_port_closed_in_the_middle_of_a_reply(kind: type[Rig]) -> None:
 
 
 @BOTH
+def test_a_computer_that_was_held_up_does_not_call_the_roomba_silent(kind: type[Rig]) -> None:
+    rig = kind()
+    rig.wait(1.0)
+    rig.clock.advance(5.0)
+    assert rig.roomba.not_ready() is None
+    rig.port.is_cut = True
+    rig.wait(5.0)
+    assert "does not answer" in str(rig.roomba.not_ready())
+
+
+@BOTH
 def test_an_emulator_that_freezes(kind: type[Rig]) -> None:
     rig = kind()
     drive = rig.begin("f5", 1.0)

@@ -69,13 +69,6 @@ def test_baud_refuses_other_rates() -> None:
         sci.baud(31250)
 
 
-def test_motors() -> None:
-    assert list(sci.motors(side_brush=True)) == [138, 1]
-    assert list(sci.motors(vacuum=True)) == [138, 2]
-    assert list(sci.motors(main_brush=True)) == [138, 4]
-    assert list(sci.motors()) == [138, 0]
-
-
 @pytest.mark.parametrize(
     ("lights", "expected"),
     [

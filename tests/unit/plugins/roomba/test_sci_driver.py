@@ -11,6 +11,8 @@ from plugins.roomba.resources import RoombaBump, RoombaPower
 from plugins.roomba.sci import Mode, Op
 from tests.unit.plugins.roomba.rig import Rig, without_polls
 
+VACUUM_ON, MOTORS_OFF = bytes([138, 2]), bytes([138, 0])
+
 
 @pytest.mark.parametrize(("mode", "sent"), [(Mode.SAFE, [128, 130, 142, 0]), (Mode.FULL, [128, 130, 132, 142, 0])])
 def test_it_wakes_step_by_step(mode: Mode, sent: list[int]) -> None:
@@ -163,7 +165,7 @@ def test_in_safe_mode_a_dropped_wheel_refuses_every_command() -> None:
 def test_commands_during_a_change_of_mode_wait_for_its_end() -> None:
     rig = Rig()
     rig.roomba.release()
-    one, other = rig.roomba.command(sci.play(1)), rig.roomba.command(sci.motors(vacuum=True))
+    one, other = rig.roomba.command(sci.play(1)), rig.roomba.command(VACUUM_ON)
     rig.start(one, 0.03)  # Start has been waited for, Control is under way
     rig.run(other)
     rig.run(one)
@@ -187,7 +189,7 @@ def test_released_it_stands_in_passive_mode() -> None:
 def test_control_that_was_taken_after_the_release_is_given_back_at_the_end() -> None:
     rig = Rig()
     rig.roomba.release()
-    rig.run(rig.roomba.command(sci.motors(vacuum=True)))
+    rig.run(rig.roomba.command(VACUUM_ON))
     rig.run(rig.roomba.farewell())
     rig.roomba.close()
     assert (rig.emulator.mode, rig.emulator.brushes) == (Mode.PASSIVE, (False, False, False))
@@ -253,7 +255,7 @@ def test_on_the_charger_the_next_command_takes_control_anew() -> None:
     rig.wait(0.01)
     rig.port.is_cut = False
     rig.take_sent()
-    rig.run(rig.roomba.command(sci.motors()))
+    rig.run(rig.roomba.command(MOTORS_OFF))
     assert list(without_polls(rig.take_sent())) == [130, 138, 0]
 
 
@@ -261,7 +263,7 @@ def test_a_wait_that_ends_a_rounding_too_early_is_over() -> None:
     rig = Rig()
     rig.roomba.release()
     rig.take_sent()
-    command = rig.roomba.command(sci.motors())
+    command = rig.roomba.command(MOTORS_OFF)
     rig.clock.advance(next(command) - 1e-9)
     assert next(command) > 0.02
     assert rig.take_sent() == bytes([130])

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from eal_actors.device.world import WorldModel
-from eal_actors.kernel.errors import PluginError, ResourceFaultError
+from eal_actors.kernel.errors import BlockedError, PluginError, ResourceFaultError
 from eal_actors.plugin import FleetServices, PluginContext
 from plugins.roomba import plugin, sci
 from plugins.roomba.base import RoombaBase
@@ -37,10 +37,9 @@ def test_it_drives_a_square_and_tracks_its_pose(protocol: str) -> None:
 
 def test_a_wall_presses_its_bumpers() -> None:
     rig = SimulatedRig(arena())
-    drive = rig.begin("f5", 12.0)
-    assert rig.base.get_status() == 2
+    with pytest.raises(BlockedError, match="something holds it"):
+        rig.run(rig.base.send_cmd("f5"))
     assert RoombaBump(rig.roomba).get_value().value is True
-    drive.close()
 
 
 @pytest.mark.parametrize("mode", ["safe", "full"])

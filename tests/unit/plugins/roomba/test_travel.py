@@ -9,8 +9,6 @@ from plugins.roomba.travel import TravelJudge
 
 POLL_S = 0.05
 CRUISE = (0.3, 0.3)
-STEP = Travel(0.015, 0.0)
-"""The travel in one poll at CRUISE."""
 
 
 class Bench:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from eal_actors.kernel.errors import UnavailableError
-from plugins.sim.battery import SimBattery
 from plugins.sim.models import MAKES, Make
+from plugins.sim.parts import SimBattery
 from plugins.sim.world import SimWorld
 from tests.manual_clock import ManualClock
 from tests.unit.plugins.sim.rig import Fleet, arena

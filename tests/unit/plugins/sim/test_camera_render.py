@@ -79,7 +79,12 @@ def dark_columns(image: NDArray[np.uint8]) -> NDArray[np.intp]:
 
 @pytest.mark.parametrize(
     ("x_m", "y_m", "yaw_deg", "z_m"),
-    [(-3.0, -2.2, 35, 0.4), (0.0, -2.5, 90, 0.12), (-0.2, 0.3, 0, 0.22), (3.2, 1.9, 200, 0.8)],
+    [
+        pytest.param(-3.0, -2.2, 35, 0.4, marks=pytest.mark.slow),
+        (0.0, -2.5, 90, 0.12),
+        pytest.param(-0.2, 0.3, 0, 0.22, marks=pytest.mark.slow),
+        pytest.param(3.2, 1.9, 200, 0.8, marks=pytest.mark.slow),
+    ],
 )
 def test_frames_of_the_lab_agree_with_the_ray_caster(x_m: float, y_m: float, yaw_deg: float, z_m: float) -> None:
     place = eye(x_m, y_m, yaw_deg, z_m)
@@ -87,7 +92,12 @@ def test_frames_of_the_lab_agree_with_the_ray_caster(x_m: float, y_m: float, yaw
 
 
 @pytest.mark.parametrize(
-    ("x_m", "y_m", "yaw_deg", "z_m"), [(-2, -2, 85, 0.22), (-1, -1.2, -60, 0.4), (-2, 2, -40, 1.4)]
+    ("x_m", "y_m", "yaw_deg", "z_m"),
+    [
+        (-2, -2, 85, 0.22),
+        pytest.param(-1, -1.2, -60, 0.4, marks=pytest.mark.slow),
+        pytest.param(-2, 2, -40, 1.4, marks=pytest.mark.slow),
+    ],
 )
 def test_frames_of_the_maze_agree_with_the_ray_caster(x_m: float, y_m: float, yaw_deg: float, z_m: float) -> None:
     place = eye(x_m, y_m, yaw_deg, z_m)

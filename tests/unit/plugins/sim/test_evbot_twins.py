@@ -103,7 +103,8 @@ def test_one_controller_fits_both(make: str) -> None:
 @pytest.mark.parametrize("make", MAKE_NAMES)
 def test_it_feels_what_holds_it_up(make: str) -> None:
     with driven_and_twin(make, start=(-2.5, 0.0, 180)) as (simulation, driver, _):
-        drive = driver["Base"].send_cmd("f2", timeout_s=30)
+        driver["Base"].set_config("twist_timeout_s", 20.0).get()
+        drive = driver["Base"].set_value([0.3, 0.0], timeout_s=30)
         simulation.advance(3.0)
         assert driver["Base"].get_status().get() == 2
         if make == "evbot3":

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.errors import PluginError, ResourceFaultError, UnavailableError
+from eal_actors.kernel.errors import BlockedError, PluginError, ResourceFaultError, UnavailableError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.testing import Simulation
 
@@ -43,7 +43,8 @@ def test_the_driver_feels_walls_and_drops_of_the_world() -> None:
     with Simulation({**DRIVEN, "body": {"model": "roomba", "start": (-1.0, 0.0, 180)}}, world) as simulation:
         real = simulation["real"]
         assert not real["Bump"].get_value().get().value
-        assert real["Base"].send_cmd("f1.5").get() == 1  # into the wall: the wheels turn on, as the encoders tell
+        with pytest.raises(BlockedError, match="something holds it"):
+            real["Base"].send_cmd("f1.5").get()  # into the wall
         assert simulation.pose("body").x_m == pytest.approx(-2.0 + 0.17, abs=0.005)
         simulation.advance(0.2)
         assert real["Bump"].get_value().get().value

@@ -5,6 +5,7 @@ import random
 import subprocess
 import sys
 from collections.abc import Callable, Generator
+from contextlib import suppress
 from itertools import repeat
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 import pytest
 
 from eal_actors.device.world import WorldModel
+from eal_actors.kernel.errors import BlockedError
 from plugins.sim.models import MAKES, MakeName
 from plugins.sim.resources import Base
 from plugins.sim.robot import SimRobot
@@ -69,7 +71,8 @@ def commands_of(base: Base, texts: list[str], gaps: Waits) -> Generator[float, N
         yield gaps()
         activity = base.send_cmd(text)
         if not isinstance(activity, int):
-            assert (yield from activity) == 1
+            with suppress(BlockedError):
+                assert (yield from activity) == 1
 
 
 def path_of(
@@ -127,7 +130,14 @@ def random_waits(most_s: float) -> Waits:
 
 
 @pytest.mark.parametrize("texts", [SQUARE, INTO_THINGS], ids=["square", "into things"])
-@pytest.mark.parametrize(("model", "noise"), [("evbot2", True), ("evbot3", False), ("roomba", True)])
+@pytest.mark.parametrize(
+    ("model", "noise"),
+    [
+        pytest.param("evbot2", True, marks=pytest.mark.slow),
+        ("evbot3", False),
+        pytest.param("roomba", True, marks=pytest.mark.slow),
+    ],
+)
 def test_the_path_is_the_same_bit_by_bit(texts: list[str], model: MakeName, noise: bool) -> None:
     path = path_of(texts, model=model, noise=noise)
     assert len(path) > 500
@@ -170,6 +180,7 @@ print(hashlib.sha256(repr(paths).encode()).hexdigest())
 """
 
 
+@pytest.mark.slow
 def test_another_process_takes_the_same_path_bit_by_bit() -> None:
     def digest(hash_seed: str) -> str:
         environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONHASHSEED": hash_seed}

@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from eal_actors.kernel.errors import ArgumentError
-from eal_actors.plugin import EALData
+from eal_actors.kernel.errors import ArgumentError, BlockedError
+from eal_actors.plugin import MOST_SLIP_M, EALData
 from plugins.sim.arena import Pose2D
 from plugins.sim.models import MAKES, MakeName
 from plugins.sim.motion import Move
@@ -119,24 +119,30 @@ def test_a_curve_with_accelerations_is_within_a_thousandth_of_fine_integration()
 def test_encoders_count_what_was_commanded_also_of_a_robot_that_is_stuck() -> None:
     fleet = Fleet()
     robot = fleet.add("r1", (2.5, 0, 0), model="evbot2")
-    robot.do("f1", "l90")
+    with pytest.raises(BlockedError):
+        robot.do("f1")
     make = robot.plugin.robot.make
+    until_held_m = 0.5 - make.radius_m
+    with robot.plugin.world.caught_up():
+        held_m = robot.plugin.robot.travel_m
+    assert held_m == pytest.approx([until_held_m + MOST_SLIP_M] * 2, abs=0.015)
+    robot.do("l90")
     turn_m = make.track_m / 2 * math.pi / 2
     with robot.plugin.world.caught_up():
         travel_m = robot.plugin.robot.travel_m
-    assert travel_m == pytest.approx((1 - turn_m, 1 + turn_m), abs=make.encoder_step_m)
+    assert travel_m == pytest.approx((held_m[0] - turn_m, held_m[1] + turn_m), abs=make.encoder_step_m)
     assert [travel / make.encoder_step_m % 1 for travel in travel_m] == pytest.approx([0, 0], abs=1e-6)
 
 
 def test_odometry_believes_the_encoders() -> None:
     fleet = Fleet()
-    robot = fleet.add("r1", (-1, 1, 90), model="evbot2", noise=True)
+    robot = fleet.add("r1", (-1, 0, 90), model="evbot2", noise=True)
     odometry = robot.resource("Odometry")
     robot.do("f1", "l90", "f0.5")
     data = odometry.get_value()
     assert data.frame_id == "r1/odom"
     assert data.value == pytest.approx([1, 0.5, math.pi / 2], abs=0.005)
-    assert math.dist(robot.pose[:2], (-1.5, 2.0)) > 0.005  # while it truly is elsewhere
+    assert math.dist(robot.pose[:2], (-1.5, 1.0)) > 0.005  # while it truly is elsewhere
     assert odometry.send_req("travel").value.sum() == pytest.approx(3.0, abs=0.002)
     odometry.set_value(EALData.of([5.0, 5.0, math.pi]))
     robot.do("f0.5")

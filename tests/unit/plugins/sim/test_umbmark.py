@@ -98,6 +98,7 @@ def predicted(make: Make, direction: float) -> tuple[Array, Array]:
     return mean, covariance
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("direction", [1.0, -1.0], ids=["left", "right"])
 @pytest.mark.parametrize("calibrated", [True, False], ids=["calibrated", "raw"])
 @pytest.mark.parametrize("name", MAKES)

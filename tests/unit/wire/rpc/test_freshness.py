@@ -243,6 +243,27 @@ def test_a_repeat_is_refused_when_its_outcome_is_forgotten() -> None:
         history.accept(stamp(sequence=1), "Wheels", 100.0)
 
 
+def test_the_certificate_with_most_outcomes_loses_its_oldest() -> None:
+    history: CommandHistory[str] = CommandHistory("run", outcomes=4, outcomes_in_all=6)
+    ann, bob, bobs_other = "a" * 16 + "1", "b" * 16 + "1", "b" * 16 + "2"
+    calls = [*((ann, n) for n in (1, 2, 3)), *((client, n) for n in (1, 2) for client in (bob, bobs_other))]
+    for client, sequence in calls:
+        history.accept(stamp(client, sequence), "Wheels", 100.0)
+        history.finish(CallId(client, 0, sequence), "done")
+    forgotten = [call for call in calls if history.recall(CallId(call[0], 0, call[1])) is None]
+    assert len(forgotten) == 1
+    assert forgotten[0] in {(bob, 1), (bobs_other, 1)}
+
+
+def test_a_client_that_is_forgotten_leaves_room_for_outcomes() -> None:
+    history: CommandHistory[str] = CommandHistory("run", clients=1, outcomes_in_all=2)
+    for n, client in enumerate(("ann", "bob", "eve")):
+        for sequence in (1, 2):
+            history.accept(stamp(client, sequence, echo_s=101.0 + n), "Wheels", 101.0 + n)
+            history.finish(CallId(client, 0, sequence), "done")
+        assert all(history.recall(CallId(client, 0, sequence)) for sequence in (1, 2))
+
+
 def test_a_forgotten_client_cannot_repeat_but_can_go_on() -> None:
     history: CommandHistory[int] = CommandHistory("run", clients=1)
     history.accept(stamp("ann"), "Wheels", 100.25)

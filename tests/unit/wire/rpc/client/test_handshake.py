@@ -7,8 +7,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from eal_actors.device.data import DataType, ValueInfo
-from eal_actors.device.info import METHODS, CommandInfo, ConfigInfo, ResourceInfo, ResourceType
+from eal_actors.device.data import DataType
+from eal_actors.device.info import METHODS, CommandInfo, ConfigInfo, ResourceInfo, ResourceType, ValueInfo
 from eal_actors.kernel.errors import ProtocolError
 from eal_actors.wire.format import messages as wire
 from eal_actors.wire.rpc.client.handshake import info_from

@@ -1,10 +1,13 @@
-"""The battery of a simulated robot."""
+"""The parts of a simulated robot beside its drive: the battery and the turret. Both are computed on access."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from typing import Final
 
-from .models import BatteryModel
+from .models import BatteryModel, TurretModel
+from .motion import Trapezoid
 
 ROOM_C: Final = 22.0
 _WARMING_C_A2: Final = 0.8
@@ -95,3 +98,42 @@ class SimBattery:
     def temperature_c(self) -> float:
         """Its temperature: room temperature, plus warming by the current."""
         return ROOM_C + _WARMING_C_A2 * self.current_a**2
+
+
+class SimTurret:
+    """A massless joint with limited rate and acceleration, independent of the robot's motion. Computed on access.
+
+    Args:
+        model: the turret model of the make.
+        now_s: returns the world's time, in seconds.
+
+    Thread: every member is for the holder of the world's lock.
+    """
+
+    def __init__(self, model: TurretModel, now_s: Callable[[], float]) -> None:
+        self.model = model
+        self._now_s = now_s
+        self._from_rad = 0.0
+        self._sense = 1.0
+        self._profile = Trapezoid(0.0, 1.0, 1.0)
+        self._since_s = 0.0
+
+    @property
+    def yaw_rad(self) -> float:
+        """Its angle, counter-clockwise from straight ahead, unwrapped."""
+        return self._from_rad + self._sense * self._profile.travelled_m(self._now_s() - self._since_s)
+
+    @property
+    def remaining_s(self) -> float:
+        """The time until it rests; 0 at rest."""
+        return max(0.0, self._since_s + self._profile.duration_s - self._now_s())
+
+    def turn(self, angle_rad: float, rate_rad_s: float) -> None:
+        """Begin to turn by an angle, positive to the left, in place of the running turn."""
+        self._from_rad, self._since_s = self.yaw_rad, self._now_s()
+        self._sense = math.copysign(1.0, angle_rad)
+        self._profile = Trapezoid(abs(angle_rad), rate_rad_s, math.radians(self.model.acceleration_deg_s2))
+
+    def stop(self) -> None:
+        """Stop at once."""
+        self.turn(0.0, 1.0)

@@ -1,0 +1,85 @@
+"""A step as one robot performs it: what the work of a step kind reads and reports."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterable, Sequence
+from typing import Any
+
+from eal_actors.actors.future import Future
+from eal_actors.scenario.engine.context import RunContext
+from eal_actors.scenario.engine.frames import ExecutionContext, Participant
+from eal_actors.scenario.engine.loop import Coroutine
+from eal_actors.scenario.language.expressions import Expression, Namespace, expressions_in, render
+from eal_actors.scenario.language.values import Wanted, checked_number
+
+
+class StepAction:
+    """A step as one robot performs it, or no robot.
+
+    Args:
+        run: the run.
+        context: the context of the step.
+        label: the step in records, for people.
+        work: performs the step once.
+
+    Attributes:
+        resource: the resource that it calls, or None.
+        command: the text argument of the call, or None.
+        is_begun: it has gone further than evaluating its expressions.
+        began_s: when it began, in seconds since the run's start, if it had to wait for others first.
+        answer: the answer of a call, or None.
+        late: outside of `on`, the robots that were at work when its time was up.
+        path: where the record keeps its readings; None if the step itself is in the record.
+    """
+
+    def __init__(
+        self,
+        run: RunContext,
+        context: ExecutionContext,
+        label: str,
+        work: Callable[[StepAction], Coroutine],
+    ) -> None:
+        self.run = run
+        self.context = context
+        self.label = label
+        self.resource: str | None = None
+        self.command: str | None = None
+        self.is_begun = True
+        self.began_s: float | None = None
+        self.answer: object = None
+        self.late: Sequence[Participant] = ()
+        self.path: str | None = None
+        self._work = work
+
+    def attempt(self) -> Coroutine:
+        """Perform the step once.
+
+        Raises:
+            EALError: the attempt failed.
+        """
+        return self._work(self)
+
+    def read(self, value: object) -> Generator[Future[Any], None, Namespace]:
+        """Return the namespace for the `${...}` in a value.
+
+        Raises:
+            EALError: a reading failed.
+        """
+        return self.evaluate(expressions_in(value))
+
+    def evaluate(self, expressions: Iterable[Expression]) -> Generator[Future[Any], None, Namespace]:
+        """Return the namespace for expressions.
+
+        Raises:
+            EALError: a reading failed.
+        """
+        return self.run.read(self.context, expressions, path=self.path)
+
+    def number(self, value: object, wanted: Wanted, what: str) -> Generator[Future[Any], None, float]:
+        """Return a number that may be an expression.
+
+        Raises:
+            EALError: a reading failed, or the number is out of its range.
+        """
+        names = yield from self.read(value)
+        return checked_number(render(value, names), wanted, what)
