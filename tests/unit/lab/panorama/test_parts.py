@@ -159,7 +159,9 @@ def test_a_camera_beside_the_axis_is_found_by_walls_and_floor(ahead: float, left
         pair = number, (number + 1) % 8
         ends_px = []
         for end, side in zip(pair, (1, -1), strict=True):
-            seen = true.parallax.seen_from_camera(x_rad + side * halves_rad, down, yaws_rad[number] - halves_rad - x_rad)
+            seen = true.parallax.seen_from_camera(
+                x_rad + side * halves_rad, down, yaws_rad[number] - halves_rad - x_rad
+            )
             ends_px.append(np.column_stack(seen) * LENS.focal_px)
         links[pair] = Shift(math.radians(45) * LENS.focal_px, *ends_px, "features", 0.2)
     (lens, found), _ = adjust_bundle(LENS, CAMERA, yaws_rad, yaws_rad, ring_of(yaws_rad, VIEW_RAD), links)
