@@ -178,12 +178,11 @@ class PredictedWheels:
         if variant.is_deaf:
             targets_m_s = [targets_m_s[0], *targets_m_s[:-1]]
         for target_m_s, end_s in zip(targets_m_s, [*ends_s[1:], until_s], strict=True):
-            duration_s = (end_s if end_s < until_s else until_s) - at_s
+            duration_s = min(until_s, end_s) - at_s
             if duration_s <= 0:
                 continue
             lack_m_s = target_m_s - speed_m_s
-            ramp_s = abs(lack_m_s) / acceleration_m_s2
-            ramp_s = ramp_s if ramp_s < duration_s else duration_s
+            ramp_s = min(duration_s, abs(lack_m_s) / acceleration_m_s2)
             reached_m_s = speed_m_s + math.copysign(acceleration_m_s2 * ramp_s, lack_m_s)
             moved_m += (speed_m_s + reached_m_s) / 2 * ramp_s + reached_m_s * (duration_s - ramp_s)
             at_s, speed_m_s = at_s + duration_s, reached_m_s
