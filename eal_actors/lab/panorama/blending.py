@@ -139,6 +139,8 @@ def find_seams(
         if end < first:
             end += 2 * math.pi * canvas.px_per_rad
         columns = np.arange(math.ceil(first), math.floor(end) + 1)
+        if not len(columns):  # two frames of one direction
+            continue
         yaws_rad = canvas.yaws_rad(columns)
         one, one_reaches = views[left].project(yaws_rad, canvas.down)
         other, other_reaches = views[right].project(yaws_rad, canvas.down)

@@ -12,7 +12,7 @@ import pytest
 from eal_actors.device.world import load_world
 from eal_actors.kernel.errors import ArgumentError
 from eal_actors.lab.panorama import stitch
-from eal_actors.lab.panorama.cylinder import CameraLens
+from eal_actors.lab.panorama.cylinder import CameraLens, Floats
 from plugins.sim.camera.eye import Eye, PinholeLens
 from plugins.sim.camera.movers import RobotAppearance, RobotAt
 from plugins.sim.camera.render import expose, render
@@ -44,10 +44,23 @@ def distorted(yaw_rad: float, k1: float) -> Image:
     x, y = ((np.arange(size) - (size - 1) / 2) / LENS.focal_px for size in (LENS.width, LENS.height))
     far = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 1, 2)
     straight = cv2.undistortPoints(far, np.eye(3), np.array([k1, 0.0, 0.0, 0.0])).reshape(240, 320, 2)
+    return from_larger(yaw_rad, straight[..., 0], straight[..., 1])
+
+
+def raised(yaw_rad: float, up_rad: float) -> Image:
+    """Return what a camera that looks up shows at a yaw."""
+    x, y = ((np.arange(size) - (size - 1) / 2) / LENS.focal_px for size in (LENS.width, LENS.height))
+    right, down = np.meshgrid(x, y)
+    ahead = math.cos(up_rad) + math.sin(up_rad) * down
+    return from_larger(yaw_rad, right / ahead, (math.cos(up_rad) * down - math.sin(up_rad)) / ahead)
+
+
+def from_larger(yaw_rad: float, right: Floats, down: Floats) -> Image:
+    """Return what a level camera at a yaw sees at tangents to the right and down, from a larger picture."""
     large = CameraLens(640, 480, 2 * math.atan(math.tan(VIEW_RAD / 2) * 1.4))
     picture = shots([yaw_rad], large.width, large.field_of_view_rad)[0]
-    maps = (straight * large.focal_px + (319.5, 239.5)).astype(np.float32)
-    return np.asarray(cv2.remap(picture, maps[..., 0], maps[..., 1], cv2.INTER_AREA), np.uint8)
+    maps = right * large.focal_px + 319.5, down * large.focal_px + 239.5
+    return np.asarray(cv2.remap(picture, *(each.astype(np.float32) for each in maps), cv2.INTER_AREA), np.uint8)
 
 
 @cache
@@ -214,7 +227,7 @@ def test_a_lens_that_distorts_is_corrected(k1: float) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("ahead_m", "left_m"), [(0.08, 0.0), (0.0, 0.08)])
 def test_a_camera_beside_the_axis_is_corrected(ahead_m: float, left_m: float) -> None:
-    panorama = stitch(shots_beside(TRUE, ahead_m, left_m), MEANT, VIEW_RAD)
+    panorama = stitch(shots_beside(TRUE, ahead_m, left_m, 640), MEANT, VIEW_RAD)
     assert (panorama.parallax.ahead, panorama.parallax.left) == pytest.approx(
         (ahead_m / PLACE_M[2], left_m / PLACE_M[2]), abs=0.08
     )
@@ -260,8 +273,7 @@ def test_pictures_overrule_a_step_that_is_wrong() -> None:
 
 @pytest.mark.slow
 def test_a_camera_that_is_not_quite_level_is_followed() -> None:
-    raised = cv2.copyMakeBorder(good()[2][:-4], 4, 0, 0, 0, cv2.BORDER_REPLICATE)
-    panorama = stitch(ring_with(2, np.asarray(raised, np.uint8)), MEANT, VIEW_RAD)
+    panorama = stitch(ring_with(2, raised(TRUE[2], math.radians(0.8))), MEANT, VIEW_RAD)
     assert panorama.placed[2] == "features"
     assert psnr_db(panorama.image, truth(panorama, TRUE, 1)) > 26
     assert abs(mean_error_rad(panorama, TRUE)) < math.radians(3)

@@ -156,14 +156,11 @@ def test_a_camera_beside_the_axis_is_found_by_walls_and_floor(ahead: float, left
     x_rad, down = (grid.ravel() for grid in np.meshgrid(np.radians([-6, -3, 0, 3, 6]), np.linspace(-0.3, 0.3, 9)))
     halves_rad, links = math.radians(22.5), {}
     for number in range(8):
-        pair = number, (number + 1) % 8
-        ends_px = []
-        for end, side in zip(pair, (1, -1), strict=True):
-            seen = true.parallax.seen_from_camera(
-                x_rad + side * halves_rad, down, yaws_rad[number] - halves_rad - x_rad
-            )
+        directions_rad, ends_px = yaws_rad[number] - halves_rad - x_rad, []
+        for side in (1, -1):
+            seen = true.parallax.seen_from_camera(x_rad + side * halves_rad, down, directions_rad)
             ends_px.append(np.column_stack(seen) * LENS.focal_px)
-        links[pair] = Shift(math.radians(45) * LENS.focal_px, *ends_px, "features", 0.2)
+        links[number, (number + 1) % 8] = Shift(math.radians(45) * LENS.focal_px, *ends_px, "features", 0.2)
     (lens, found), _ = adjust_bundle(LENS, CAMERA, yaws_rad, yaws_rad, ring_of(yaws_rad, VIEW_RAD), links)
     assert (found.ahead, found.left) == pytest.approx((ahead, left), abs=0.02)
     assert lens.field_of_view_rad == pytest.approx(VIEW_RAD, abs=math.radians(0.3))
