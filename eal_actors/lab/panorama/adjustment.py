@@ -34,6 +34,9 @@ _NEARNESS_SIGMA: Final = 0.1
 _ROUGH_RAD: Final = 0.002  # shift by what stands before the walls, for a camera 8 cm beside the axis
 _SLOPE_SIGMA: Final = 0.05  # of the difference of nearness between two knots
 _TELLING: Final = 25.0  # decrease of the cost, in squared errors of a point, from which another lens is believed
+_BESIDE: Final = (
+    0.9  # of the cost, below which a camera beside the axis is believed: 0.27 to 0.84 if it is, 0.96 if not
+)
 _OPEN: Final = 0.02  # share of these for an open ring, whose overlaps alone hardly determine a lens
 _LEVEL_SIGMA_RAD: Final = math.radians(0.2)
 _MOST_ZOOM: Final = 0.3  # largest change of the focal length's logarithm
@@ -216,7 +219,11 @@ def _best_parameters(problem: _Problem, *, may_be_beside: bool) -> Floats:
         return _minimise(rough, problem.start, everything)
     best = _minimise(problem, problem.start, (_ATTITUDES,))
     best = _better(problem, best, _minimise(problem, best, (_LENS, _ATTITUDES)))
-    return _better(rough, best, _minimise(rough, problem.start, everything)) if may_be_beside else best
+    if not may_be_beside:
+        return best
+    beside = _minimise(rough, problem.start, everything)
+    is_clear = rough.cost(beside, _LOSS_SCALES[-1]) < _BESIDE * rough.cost(best, _LOSS_SCALES[-1])
+    return beside if is_clear else best
 
 
 def _better(problem: _Problem, best: Floats, other: Floats) -> Floats:

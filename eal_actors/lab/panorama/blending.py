@@ -139,7 +139,9 @@ def find_seams(
         if end < first:
             end += 2 * math.pi * canvas.px_per_rad
         columns = np.arange(math.ceil(first), math.floor(end) + 1)
-        if not len(columns):  # two frames of one direction
+        if (
+            not 0 < len(columns) < 2 * views[left].lens.half_view_rad * canvas.px_per_rad
+        ):  # one direction, or no overlap
             continue
         yaws_rad = canvas.yaws_rad(columns)
         one, one_reaches = views[left].project(yaws_rad, canvas.down)

@@ -156,10 +156,11 @@ def test_a_camera_beside_the_axis_is_found_by_walls_and_floor(ahead: float, left
     x_rad, down = (grid.ravel() for grid in np.meshgrid(np.radians([-6, -3, 0, 3, 6]), np.linspace(-0.3, 0.3, 9)))
     halves_rad, links = math.radians(22.5), {}
     for number in range(8):
-        directions_rad, ends_px = yaws_rad[number] - halves_rad - x_rad, []
-        for side in (1, -1):
-            seen = true.parallax.seen_from_camera(x_rad + side * halves_rad, down, directions_rad)
-            ends_px.append(np.column_stack(seen) * LENS.focal_px)
+        directions_rad = yaws_rad[number] - halves_rad - x_rad
+        first, second = (
+            true.parallax.seen_from_camera(x_rad + side * halves_rad, down, directions_rad) for side in (1, -1)
+        )
+        ends_px = np.column_stack(first) * LENS.focal_px, np.column_stack(second) * LENS.focal_px
         links[number, (number + 1) % 8] = Shift(math.radians(45) * LENS.focal_px, *ends_px, "features", 0.2)
     (lens, found), _ = adjust_bundle(LENS, CAMERA, yaws_rad, yaws_rad, ring_of(yaws_rad, VIEW_RAD), links)
     assert (found.ahead, found.left) == pytest.approx((ahead, left), abs=0.02)
