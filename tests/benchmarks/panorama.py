@@ -43,7 +43,7 @@ class Case:
     Attributes:
         name: of the fault.
         goal_db: least peak signal-to-noise ratio.
-        told_deg: the field of view that the stitcher is told; it is 60.
+        told_deg: the field of view that the stitcher receives; it is 60.
         k1: radial distortion of the lens.
         ahead_m: distance of the camera ahead of the axis.
         left_m: distance to the left of it.
