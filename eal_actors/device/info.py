@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from eal_actors.device.data import DataType, EALData
 from eal_actors.device.data.c_types import NUMERIC_TYPES
-from eal_actors.device.data.texts import range_text, repr_of
+from eal_actors.device.data.texts import range_text
 from eal_actors.kernel.errors import ArgumentError
 from eal_actors.kernel.suggestions import did_you_mean
 
@@ -87,7 +87,7 @@ class ValueInfo:
         """Return the error of a value as the end of a sentence that begins with its name, or None."""
         kind, wanted = data.type, self.type
         if kind is not wanted and (wanted is DataType.INT or kind not in NUMERIC_TYPES or wanted not in NUMERIC_TYPES):
-            return f"must be {self.describe()}, not {repr_of(data)}"
+            return f"must be {self.describe()}, not {_repr_of(data)}"
         if self.shape:
             return self._shape_problem(data)
         value = data.value
@@ -97,7 +97,7 @@ class ValueInfo:
 
     def _number_problem(self, data: EALData, value: Any) -> str | None:
         if not isinstance(value, int | float):
-            return f"must be {self.describe()}, not {repr_of(data)}"
+            return f"must be {self.describe()}, not {_repr_of(data)}"
         below = self.minimum is not None and not value >= self.minimum
         above = self.maximum is not None and not value <= self.maximum
         return f"must be {self.describe()}, not {value:g}" if below or above or value != value else None  # NaN differs
@@ -304,7 +304,7 @@ def _parse(
         if info.name == text:
             if info.argument is None:
                 if data is not None:
-                    raise ArgumentError(f"{kind} {text!r} takes no argument, but was given {repr_of(data)}")
+                    raise ArgumentError(f"{kind} {text!r} takes no argument, but was given {_repr_of(data)}")
                 return info, None
             if data is None:
                 raise ArgumentError(f"{kind} {text!r} needs an argument: {info.argument.describe()}")
@@ -319,7 +319,7 @@ def _parse(
             info.argument.check(argument, f"{kind} {text!r}: its argument")
             if data is not None:
                 raise ArgumentError(
-                    f"{kind} {text!r} carries its argument in the text, but was given {repr_of(data)} too"
+                    f"{kind} {text!r} carries its argument in the text, but was given {_repr_of(data)} too"
                 )
             return info, argument
     raise ArgumentError(unknown_name(kind, text, (c.name for c in known)))
@@ -363,3 +363,9 @@ def _to_plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_to_plain(item) for item in value]
     return value.name if isinstance(value, DataType) else value
+
+
+def _repr_of(data: EALData) -> str:
+    """Return a value as its user wrote it, if that is short."""
+    value = data.value if data.shape is None else data
+    return repr(value if isinstance(value, int | float | str | None) else data)

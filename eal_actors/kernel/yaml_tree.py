@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from eal_actors.kernel.errors import Problem
+
+_ELEMENT: Final = re.compile(r"\[(\d+)\]|([^.\[\]]+)")
 
 YamlPath = tuple[str | int, ...]
 """The keys and list indexes from the top of a file to a value."""
@@ -108,6 +111,11 @@ def format_path(path: YamlPath) -> str:
     for element in path:
         text += f"[{element}]" if isinstance(element, int) else f".{element}" if text else element
     return text
+
+
+def parse_path(text: str) -> YamlPath:
+    """Return the path of a text such as `steps[0].do[1]`; the opposite of `format_path`."""
+    return tuple(int(index) if index else name for index, name in _ELEMENT.findall(text))
 
 
 @dataclass(frozen=True, slots=True)

@@ -128,6 +128,7 @@ def page_template(name: str) -> Template:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.policies["json.dumps_kwargs"] = {"sort_keys": False}  # robots stay in the order of the run
     environment.filters["seconds"] = lambda value: f"{value:.3f}"
     return environment.get_template(name)
 

@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final, TypeAlias
 
 import zenoh
 from zenoh import handlers
@@ -17,8 +17,8 @@ from eal_actors.plugin import Activity, DataError, EALError, ResourceFaultError,
 from .graph import Attachment
 from .message_types import MessageType, ServiceType
 
-if TYPE_CHECKING:
-    from .session import RosSession
+Require: TypeAlias = Callable[[], zenoh.Session]
+"""Returns the open session, or raises UnavailableError."""
 
 _CDR: Final = zenoh.Encoding("application/cdr")
 _POLL_S: Final = 0.01
@@ -27,8 +27,8 @@ _POLL_S: Final = 0.01
 class RosPublisher:
     """Publishes one topic; its messages carry their number, their time and the publisher's id."""
 
-    def __init__(self, session: RosSession, key: str, kind: MessageType, gid: bytes) -> None:
-        self._session = session
+    def __init__(self, require: Require, key: str, kind: MessageType, gid: bytes) -> None:
+        self._require = require
         self._key = key
         self._kind = kind
         self._gid = gid
@@ -52,7 +52,7 @@ class RosPublisher:
         Thread: any; does not block: a message that does not fit into a full link is dropped.
         """
         data = self._kind.encode(fields)
-        self._session.require()
+        self._require()
         with self._lock:
             if self._publisher is None:
                 raise UnavailableError(f"{self._key} is not declared yet")
@@ -138,8 +138,8 @@ def _sent_ns(sample: zenoh.Sample) -> int | None:
 class RosClient:
     """Calls one service."""
 
-    def __init__(self, session: RosSession, name: str, key: str, kind: ServiceType, gid: bytes) -> None:
-        self._session = session
+    def __init__(self, require: Require, name: str, key: str, kind: ServiceType, gid: bytes) -> None:
+        self._require = require
         self.name: Final = name
         self.kind: Final = kind
         self._key = key
@@ -155,7 +155,7 @@ class RosClient:
             UnavailableError: the router is out of reach.
         """
         data = self.kind.request.encode(fields)
-        session = self._session.require()
+        session = self._require()
         with self._lock:
             self._sequence += 1
             attachment = Attachment(self._sequence, time.time_ns(), self._gid).pack()

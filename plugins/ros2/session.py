@@ -217,7 +217,7 @@ class RosNode:
     def publisher(self, topic: str, kind: MessageType, *, best_effort: bool = False) -> RosPublisher:
         """Publish a topic."""
         name, gid = self.full_name(topic), os.urandom(graph.GID_BYTES)
-        publisher = RosPublisher(self.session, self._key(name, kind), kind, gid)
+        publisher = RosPublisher(self.session.require, self._key(name, kind), kind, gid)
         self._declare(graph.PUBLISHER, name, kind, publisher.declare, graph.quality(best_effort=best_effort))
         return publisher
 
@@ -234,7 +234,7 @@ class RosNode:
     def client(self, service: str, kind: ServiceType) -> RosClient:
         """Call a service."""
         name = self.full_name(service)
-        client = RosClient(self.session, name, self._key(name, kind), kind, os.urandom(graph.GID_BYTES))
+        client = RosClient(self.session.require, name, self._key(name, kind), kind, os.urandom(graph.GID_BYTES))
         self._declare(graph.CLIENT, name, kind, lambda _: None, graph.quality())
         return client
 

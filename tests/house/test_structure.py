@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -54,6 +55,19 @@ def test_there_are_few_protocols() -> None:
         if isinstance(node, ast.ClassDef) and any("Protocol" in ast.unparse(base) for base in node.bases)
     ]
     assert len(found) <= 15, "\n".join(found)
+
+
+def test_the_modules_of_scenarios_import_one_way() -> None:
+    """Imports for types count too."""
+    files = {file for file in modules("eal_actors/scenario") if file.name != "__init__.py"}
+    names = {".".join(file.relative_to(ROOT).with_suffix("").parts): file for file in files}
+    imports: dict[str, set[str]] = {name: set() for name in names}
+    for name, file in names.items():
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.ImportFrom) and node.module is not None:
+                found = {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+                imports[name] |= found & names.keys()
+    TopologicalSorter(imports).prepare()  # raises CycleError, with the modules
 
 
 def test_a_class_name_means_one_thing() -> None:

@@ -13,6 +13,7 @@ from itertools import count, pairwise
 from pathlib import Path
 
 import pytest
+import zenoh
 
 from tests.net.rig import Rig
 
@@ -144,3 +145,16 @@ def test_no_command_is_carried_out_twice_or_late(kills: int, tmp_path: Path) -> 
     print(tally)  # noqa: T201  # shown with -rP
     assert (tally.repeated, tally.late) == (0, 0)
     assert tally.done > 0 or kills < 10  # a kill in the middle of a `step` is refused, and both may be such ones
+
+
+@pytest.mark.slow
+def test_the_engine_has_no_storage_for_the_record() -> None:
+    """Why the record is on a folder. When this fails, the engine has learned it, and the record can be streamed."""
+    config = zenoh.Config.from_json5(
+        """{mode: "router", listen: {endpoints: ["tcp/127.0.0.1:0"]}, scouting: {multicast: {enabled: false}},
+            plugins_loading: {enabled: true}, plugins: {storage_manager: {
+                storages: {journal: {key_expr: "journal/**", volume: "memory"}}}}}"""
+    )
+    with zenoh.open(config) as session:
+        session.put("journal/events", "a line")
+        assert list(session.get("journal/events", timeout=5.0)) == []

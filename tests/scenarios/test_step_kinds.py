@@ -16,10 +16,10 @@ from eal_actors.scenario import Timeline, load_scenario, make_plan, scenario_sch
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import render
-from eal_actors.scenario.language.scenario import ScenarioFile
+from eal_actors.scenario.language.scenario import Keys, ScenarioFile, Show, Step
 from eal_actors.scenario.language.values import Seconds, VariableName, Wanted
 from eal_actors.scenario.steps import registry
-from eal_actors.scenario.steps.base import Keys, Show, Step, TimedStep
+from eal_actors.scenario.steps.base import TimedStep
 from tests.scenarios.rig import scenario
 from tests.scenarios.running import ON, brief, run
 

@@ -16,6 +16,7 @@ Source: thesis §4.6, B.1.
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Sequence
 from typing import Any, Final, final
@@ -25,6 +26,9 @@ from eal_actors.device.data.c_types import (
     BOOL,
     DOUBLE,
     INT,
+    SHOWN_BYTES,
+    SHOWN_ELEMENTS,
+    TEXT,
     CType,
     DataType,
     find_c_type,
@@ -44,10 +48,12 @@ from eal_actors.device.data.storage import (
     store,
     unpack,
 )
-from eal_actors.device.data.texts import data_text
 from eal_actors.kernel.errors import DataError
 
 _MAX_S: Final = sys.float_info.max
+
+SHOWN_NUMBERS: Final = 16
+"""Arrays with at most so many numbers are shown as numbers, such as a pose; others by their shape."""
 
 
 @final
@@ -355,3 +361,32 @@ def _checked_meta(unit: object, frame_id: object, stamp_s: object) -> float | No
     if isinstance(stamp_s, bool) or not isinstance(stamp_s, (int, float)) or not -_MAX_S <= stamp_s <= _MAX_S:
         raise DataError(f"stamp_s: {short_repr(stamp_s)} is no finite number of seconds")
     return float(stamp_s)
+
+
+def data_text(data: EALData) -> str:
+    """Return a value with its type, length and notes, such as `EALData(double 0.5, unit='m')`."""
+    c_type = data.c_type
+    size = f"[{data.length // c_type.width}]" if c_type.is_ptr else ""
+    meta = {"unit": data.unit, "frame_id": data.frame_id, "stamp_s": data.stamp_s}
+    notes = "".join(f", {name}={short_repr(note)}" for name, note in meta.items() if note is not None)
+    return f"EALData({c_type.name}{size} {_content_text(data)}{notes})"
+
+
+def _content_text(data: EALData) -> str:
+    """Return the content of a value, short even for a large one."""
+    c_type = data.c_type
+    if data.shape is not None:
+        is_short = math.prod(data.shape) <= SHOWN_NUMBERS
+        return _rounded(data.value.tolist()) if is_short else f"shape={data.shape}"
+    if not c_type.is_ptr or c_type == TEXT:
+        return short_repr(data.value)
+    if c_type.type is DataType.VOID:
+        return short_repr(bytes(data.payload[: SHOWN_BYTES + 1]))
+    return short_repr(unpack(c_type, data.payload[: (SHOWN_ELEMENTS + 1) * c_type.width]))
+
+
+def _rounded(value: Any) -> str:
+    """Return a list of numbers as text, with six digits."""
+    if isinstance(value, list):
+        return f"[{', '.join(map(_rounded, value))}]"
+    return f"{value:.6g}" if isinstance(value, float) else repr(value)

@@ -11,8 +11,8 @@ from eal_actors.kernel.errors import DeadlineError
 from eal_actors.lab.proof.cases import KILLED, FaultCase
 from eal_actors.lab.proof.trial import Pose2D, Trial
 from eal_actors.scenario import Report, Scenario, StepRecord
+from eal_actors.scenario.language.scenario import Step
 from eal_actors.scenario.language.values import RetryPolicy
-from eal_actors.scenario.steps.base import Step
 
 INVARIANTS: Final = {
     "ends": "the run ends",

@@ -12,7 +12,7 @@ from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.scenario import Scenario
 from eal_actors.scenario.language.parameters import parameter_problem, read_settings
-from eal_actors.scenario.language.scenario import ParameterSection
+from eal_actors.scenario.language.sections import ParameterSection
 
 
 @dataclass(frozen=True, slots=True)

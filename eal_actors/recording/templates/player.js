@@ -153,7 +153,7 @@ function show(wanted) {
   slider.value = now;
   slider.setAttribute("aria-valuetext", `${now.toFixed(2)} of ${data.duration_s.toFixed(2)} s`);
   setText(clock, `${now.toFixed(2)} s`);
-  cursor.style.left = `${(now / span_s) * 100}%`;
+  cursor.style.transform = `translateX(${(now / span_s) * 100}cqw)`; // a layer of its own, which is not painted again
   showMarkers(now);
   showSteps(now);
   showValues(now);

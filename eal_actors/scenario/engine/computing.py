@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from eal_actors.actors.future import Future
 from eal_actors.scenario.engine.action import StepAction
@@ -13,16 +13,14 @@ from eal_actors.scenario.engine.executor import perform_step
 from eal_actors.scenario.engine.frames import ExecutionContext
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import Expression, Namespace, expressions_in, render
+from eal_actors.scenario.language.scenario import FallibleModel
 from eal_actors.scenario.language.values import checked_number
-
-if TYPE_CHECKING:  # steps import this module
-    from eal_actors.scenario.steps.base import FallibleStep
 
 
 def compute(
     run: RunContext,
     context: ExecutionContext,
-    step: FallibleStep,
+    step: FallibleModel,
     path: str,
     label: str,
     expressions: Iterable[Expression],
@@ -52,7 +50,7 @@ def compute(
 
 
 def compute_count(
-    run: RunContext, context: ExecutionContext, step: FallibleStep, path: str, value: int | str, key: str
+    run: RunContext, context: ExecutionContext, step: FallibleModel, path: str, value: int | str, key: str
 ) -> Generator[Future[Any], None, int | None]:
     """Return a whole number that may be an expression; see `compute`."""
     if isinstance(value, int):

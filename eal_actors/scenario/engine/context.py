@@ -6,15 +6,18 @@ import threading
 from collections.abc import Callable, Collection, Generator, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import Any, Final, TypeVar
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
+from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.log import get_logger
 from eal_actors.scenario.engine.frames import ExecutionContext, Frame, Participant, RoleSlot
 from eal_actors.scenario.engine.loop import Coroutine, EventLoop
-from eal_actors.scenario.engine.losses import Losses
+from eal_actors.scenario.engine.losses import Emit, Losses
+from eal_actors.scenario.engine.past_steps import PastSteps
+from eal_actors.scenario.engine.plan import Plan
 from eal_actors.scenario.engine.synchronization import Barriers, PauseControl, Signals
 from eal_actors.scenario.language.expressions import (
     Expression,
@@ -24,19 +27,11 @@ from eal_actors.scenario.language.expressions import (
     WorkLimitError,
     size_of,
 )
-from eal_actors.scenario.report.events import LogLine, Readings, RobotDropped, RobotReplaced, RunEvent
+from eal_actors.scenario.report.events import LogLine, Readings, RobotDropped, RobotReplaced
 from eal_actors.scenario.report.records import is_recordable, to_record
 from eal_actors.scenario.report.summary import ErrorReport, StartReport, StepRecord
 
-if TYPE_CHECKING:  # a plan has steps, which import this module
-    from eal_actors.facade.fleet import Fleet
-    from eal_actors.scenario.engine.past_steps import PastSteps
-    from eal_actors.scenario.engine.plan import Plan
-
 T = TypeVar("T")
-Emit = Callable[[Callable[[float], RunEvent]], float]
-"""Records an event, which it makes from the seconds since the run's start; returns those seconds."""
-
 HALT_TIMEOUT_S: Final = 2.0
 """How long the engine waits for the confirmation of a halt: in real time, or in the fleet's if that is slower."""
 _MIN_POLL_S: Final = 0.05
@@ -113,8 +108,8 @@ class RunContext:
         self.barriers = Barriers(self.clock)
         self.signals = Signals(self.clock)
         scenario, sections = plan.scenario, fleet.config.robots
-        remote = [name for name in robots if name in sections and sections[name].address is not None]
-        self.losses = Losses(self, remote) if remote else None
+        remote = [one for name, one in robots.items() if name in sections and sections[name].address is not None]
+        self.losses = self._watch(remote) if remote else None
         self.main = Frame(scenario, {role: role for role in scenario.file.roles}, scenario.parameters)
         self.past: PastSteps | None = None
         self.open_parts: list[ExecutionContext] = []
@@ -125,13 +120,18 @@ class RunContext:
         self._halt_timeout_s = max(HALT_TIMEOUT_S, self.clock.of_real(HALT_TIMEOUT_S))
         self._pending: dict[Future[Any], None] = {}
         self._step_at_s = 0.0
-        self._steps_at_once = 0
-        self._passes = 0
+        self._steps_at_once = self._passes = self._kept = 0
         self.budget = WorkBudget(
             "the expressions of this run", _MAX_WORK, lambda: _MAX_WORK_EACH_S * len(robots) * self.now_s()
         )
         self._pause_at_work = _WORK_AT_ONCE
-        self._kept = 0
+
+    def _watch(self, remote: Sequence[Participant]) -> Losses:
+        network, own_s = self.fleet.config.network, self.plan.scenario.file.lost_after_s
+        real_s = network.lease_s if network.lost_after_s is None else network.lost_after_s
+        lost_after_s = self.clock.of_real(real_s) if own_s is None else own_s
+        there = [robot for robot in remote if robot.name not in self.plan.lost]
+        return Losses(there, lost_after_s, self.loop, self.emit, self.wait)
 
     def now_s(self) -> float:
         """Return the seconds since the run's start."""

@@ -5,30 +5,28 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Hashable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 from eal_actors.actors.future import Future
 from eal_actors.kernel import spans
 from eal_actors.kernel.errors import (
+    CallCancelledError,
     DeadlineError,
     EALError,
+    UnavailableError,
 )
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.failures import StepFailure
-from eal_actors.scenario.engine.frames import ExecutionContext, StepTask
+from eal_actors.scenario.engine.frames import ExecutionContext, Participant, StepTask
 from eal_actors.scenario.engine.loop import Coroutine
-from eal_actors.scenario.engine.synchronization import StepGroup
+from eal_actors.scenario.engine.past_steps import PastStep
+from eal_actors.scenario.language.scenario import FallibleModel, Step
 from eal_actors.scenario.language.values import (
     RetryPolicy,
 )
 from eal_actors.scenario.report.events import StepEnded, StepStarted
 from eal_actors.scenario.report.summary import ErrorReport, StepOutcome, StepRecord
-
-if TYPE_CHECKING:  # steps import this module
-    from eal_actors.scenario.engine.past_steps import PastStep
-    from eal_actors.scenario.steps.base import BlockStep, FallibleStep, Step
-
 
 MakeAction: TypeAlias = Callable[[], StepAction]
 
@@ -39,15 +37,43 @@ def perform_steps(run: RunContext, steps: Sequence[Step], path: str, context: Ex
         if not run.may_begin(context):
             return
         if run.losses is not None and run.losses.skips(context, step):
-            run.losses.record_skip(context, step, f"{path}[{index}]")
+            _record_skip(run, context, step, f"{path}[{index}]")
         else:
             yield from step.perform(run, context.of(step), f"{path}[{index}]")
+
+
+def _record_skip(run: RunContext, context: ExecutionContext, step: Step, path: str) -> None:
+    """Record that a robot that was lost leaves out a step."""
+    robot = context.required_robot
+    label = step.describe(context.frame.scenario.parameters)
+    error = ErrorReport(code=UnavailableError.code, message=f"{robot.name} was lost; it rejoins at its next meeting")
+
+    def skipped(time_s: float) -> StepEnded:
+        record = StepRecord(
+            robot=robot.name,
+            role=context.role,
+            step=path,
+            branch=context.branch,
+            kind=step.kind,
+            label=label,
+            resource=None,
+            command=None,
+            start_s=time_s,
+            end_s=time_s,
+            outcome="skipped",
+            attempts=0,
+            error=error,
+        )
+        run.records.append(record)
+        return StepEnded(time_s, record)
+
+    run.emit(skipped)
 
 
 def perform_step(
     run: RunContext,
     context: ExecutionContext,
-    step: FallibleStep,
+    step: FallibleModel,
     path: str,
     make: MakeAction,
     *,
@@ -84,7 +110,7 @@ def perform_step(
 
 
 def _is_over(
-    run: RunContext, context: ExecutionContext, step: FallibleStep, make: MakeAction, past: PastStep
+    run: RunContext, context: ExecutionContext, step: FallibleModel, make: MakeAction, past: PastStep
 ) -> Generator[Future[Any], None, bool]:
     """Restore what a step did that an interrupted run has performed; return False to perform it again.
 
@@ -103,13 +129,14 @@ def _is_over(
 def perform_within(
     run: RunContext,
     context: ExecutionContext,
-    step: BlockStep,
+    step: FallibleModel,
+    limit: float | str | None,
     path: str,
     meets: frozenset[Hashable],
     inside: Callable[[ExecutionContext], Coroutine],
 ) -> Coroutine:
     """Perform the steps of a block; with a time limit, or to be repeated, the block is a step that can fail."""
-    limit, repeats = step.timeout_s, isinstance(step.on_failure, RetryPolicy)
+    repeats = isinstance(step.on_failure, RetryPolicy)
     if limit is None and not repeats:
         yield from inside(context)
         return
@@ -131,6 +158,95 @@ def perform_within(
     yield from perform_step(run, context, step, path, make, is_quiet=True)
 
 
+class StepGroup:
+    """Tasks that begin together, and that another task waits for.
+
+    Args:
+        run: the run.
+        context: the context of the step that begins them.
+        until: `all`, `first` or a signal.
+        timeout_s: their time limit; None for none.
+
+    Attributes:
+        late: the robots that were at work when the time was up; None if the tasks ended in time.
+    """
+
+    def __init__(self, run: RunContext, context: ExecutionContext, until: str, timeout_s: float | None = None) -> None:
+        self.late: list[Participant] | None = None
+        self._timeout_s = timeout_s
+        self._run = run
+        self._context = context
+        self._until = until
+        self._over: Future[None] = Future(run.clock)
+        self._all_ended: Future[None] = Future(run.clock)
+        self._left: dict[StepTask, None] = {}
+
+    def perform(self, tasks: Sequence[tuple[StepTask, Coroutine]]) -> Coroutine:
+        """Run all tasks until the condition holds; robots that are not through by then are halted."""
+        if not tasks:
+            return
+        run, parent = self._run, self._context.task
+        for task, _ in tasks:
+            self._left[task] = None
+            parent.children[task] = None
+        for task, _ in tasks:
+            run.barriers.enter(task)
+        if self._until not in ("all", "first"):
+            signal = run.signals.wait(self._context.frame, self._until)
+            signal.add_done_callback(lambda _: self._over.set())
+        for task, coroutine in tasks:
+            run.loop.spawn(coroutine, partial(self._ended, task))
+        if self._timeout_s is None:
+            yield self._over
+        else:
+            yield from self._wait_within(self._timeout_s)
+        if self._left:
+            yield from self._stop_rest()
+
+    def _wait_within(self, timeout_s: float) -> Coroutine:
+        """Wait until they are over, or the time is up."""
+        try:
+            is_over = yield from self._run.wait_within(self._context, self._over, timeout_s)
+        except CallCancelledError:  # they are being stopped as well
+            yield self._over
+            return
+        if not is_over:
+            robots = dict.fromkeys(robot for task in self._left for robot in task.robots())
+            self.late = [robot for robot in robots if robot.outcome is None]
+
+    def _ended(self, task: StepTask, error: BaseException | None) -> None:
+        run = self._run
+        self._left.pop(task, None)
+        self._context.task.children.pop(task, None)
+        run.barriers.leave(task)
+        if error is not None:
+            run.fail(error)
+        if not self._left:
+            self._over.set()
+            self._all_ended.set()
+        elif self._until == "first" and self._is_through(task):
+            self._over.set()
+
+    def _is_through(self, task: StepTask) -> bool:
+        """Return whether a task has performed all of its steps, and was not cut short."""
+        if task.is_stopped or self._run.is_stopping:
+            return False
+        return task.slot is None or task.slot.robot.outcome is None
+
+    def _stop_rest(self) -> Coroutine:
+        tasks = list(self._left)
+        slot = self._context.slot
+        robots = dict.fromkeys([slot.robot] if slot else [robot for task in tasks for robot in task.robots()])
+        for task in tasks:
+            task.stop()
+        if self._left:
+            yield self._all_ended
+        touched: dict[str, None] | None = None
+        if slot is not None and not any(task.touches_all for task in tasks):  # the robot's other branches continue
+            touched = {name: None for task in tasks for name in task.touched}
+        yield from self._run.halt([robot for robot in robots if robot.outcome is None], touched)
+
+
 class _Execution:
     """The execution of one step by one robot.
 
@@ -142,7 +258,7 @@ class _Execution:
         self,
         run: RunContext,
         context: ExecutionContext,
-        step: FallibleStep,
+        step: FallibleModel,
         path: str,
         action: StepAction,
         is_quiet: bool,

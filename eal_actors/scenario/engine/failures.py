@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from eal_actors.actors.future import Future
 from eal_actors.kernel.errors import CallCancelledError, CallError, EALError, StoppedError
@@ -15,12 +15,10 @@ from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.frames import Participant
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import WorkLimitError
+from eal_actors.scenario.language.scenario import FallibleModel
 from eal_actors.scenario.language.values import OnFailure, RetryPolicy, final_action
 from eal_actors.scenario.report.events import StepRetried
 from eal_actors.scenario.report.summary import ErrorReport, StepOutcome
-
-if TYPE_CHECKING:  # steps import this module
-    from eal_actors.scenario.steps.base import FallibleStep
 
 
 class StepFailure:
@@ -38,7 +36,7 @@ class StepFailure:
     """
 
     def __init__(
-        self, step: FallibleStep, path: str, action: StepAction, robot: Participant | None, error: EALError
+        self, step: FallibleModel, path: str, action: StepAction, robot: Participant | None, error: EALError
     ) -> None:
         self.error = error
         self._run = action.run

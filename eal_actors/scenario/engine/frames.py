@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.device.info import ResourceType
 from eal_actors.kernel.errors import EALError, ScenarioError, UnavailableError
+from eal_actors.scenario.language.scenario import Scenario, Step
 from eal_actors.scenario.language.values import OnFailure, OnLost, RetryPolicy
 from eal_actors.scenario.report.summary import LossReport, RobotOutcome
-
-if TYPE_CHECKING:  # its model consists of steps, which import this module
-    from eal_actors.scenario.language.scenario import Scenario
-    from eal_actors.scenario.steps.base import Step
 
 
 @dataclass(eq=False)

@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Generator
+from collections.abc import Callable, Collection, Generator
 from contextlib import ExitStack
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import Any, Final, Literal, TypeAlias
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.robot_view import RobotState
 from eal_actors.kernel.clock import Timer
 from eal_actors.kernel.errors import CallCancelledError, EALError, UnavailableError
 from eal_actors.scenario.engine.frames import ExecutionContext, Participant
-from eal_actors.scenario.engine.loop import Coroutine
+from eal_actors.scenario.engine.loop import Coroutine, EventLoop
 from eal_actors.scenario.engine.synchronization import find_meetings
+from eal_actors.scenario.language.scenario import Step
 from eal_actors.scenario.language.values import FailureAction, LossAction, WaitPolicy
-from eal_actors.scenario.report.events import RobotLost, RobotReturned, StepEnded
-from eal_actors.scenario.report.summary import ErrorReport, LossReport, StepRecord
+from eal_actors.scenario.report.events import RobotLost, RobotReturned, RunEvent
+from eal_actors.scenario.report.summary import ErrorReport, LossReport
 
-if TYPE_CHECKING:  # both import this module
-    from eal_actors.scenario.engine.context import RunContext
-    from eal_actors.scenario.steps.base import Step
+Emit: TypeAlias = Callable[[Callable[[float], RunEvent]], float]
+"""Records an event, which it makes from the seconds since the run's start; returns those seconds."""
+Wait: TypeAlias = Callable[[ExecutionContext, Future[Any]], Coroutine]
 
 _ACTIONS: Final[dict[LossAction, FailureAction]] = {"fail": "abort", "drop": "drop", "substitute": "substitute"}
 
@@ -29,17 +30,21 @@ class Losses:
     """The robots of other processes that are out of reach. Everything but `_hear` runs in the loop's thread.
 
     Args:
-        run: the run.
-        remote: the names of the robots of other processes.
+        robots: the robots of other processes.
+        lost_after_s: time out of reach after which a step fails, by the fleet's clock.
+        loop: the event loop.
+        emit: records an event.
+        wait: waits for a future, until the run, the task or the robot is stopped.
     """
 
-    def __init__(self, run: RunContext, remote: Collection[str]) -> None:
-        self._run = run
-        self._remote = remote
-        network, clock = run.fleet.config.network, run.clock
-        own_s = run.plan.scenario.file.lost_after_s
-        real_s = network.lease_s if network.lost_after_s is None else network.lost_after_s
-        self._lost_after_s = clock.of_real(real_s) if own_s is None else own_s
+    def __init__(
+        self, robots: Collection[Participant], lost_after_s: float, loop: EventLoop, emit: Emit, wait: Wait
+    ) -> None:
+        self._robots = robots
+        self._lost_after_s = lost_after_s
+        self._loop = loop
+        self._emit = emit
+        self._wait = wait
         self._lost_at_s: dict[str, float] = {}
         self._timers: dict[str, Timer] = {}
         self._waiting: dict[Future[None], Participant] = {}
@@ -47,25 +52,23 @@ class Losses:
     def watched(self, steps: Coroutine) -> Coroutine:
         """Perform steps, and follow the robots meanwhile."""
         with ExitStack() as stack:
-            for name, robot in self._run.robots.items():
-                if name in self._remote and name not in self._run.plan.lost:
-                    stack.callback(robot.handle.on_state(partial(self._hear, robot)))
+            for robot in self._robots:
+                stack.callback(robot.handle.on_state(partial(self._hear, robot)))
             yield from steps
 
     def _hear(self, robot: Participant, state: RobotState) -> None:
         """Pass a state on to the loop. Thread: the robot's."""
-        self._run.loop.post(lambda: self._note(robot, state))
+        self._loop.post(lambda: self._note(robot, state))
 
     def _note(self, robot: Participant, state: RobotState) -> None:
-        run = self._run
         if state is RobotState.LOST and not robot.is_lost:
             error = ErrorReport.of(self._error(robot))
-            lost_s = run.emit(lambda time_s: RobotLost(time_s, robot.name, error))
+            lost_s = self._emit(lambda time_s: RobotLost(time_s, robot.name, error))
             robot.losses.append(LossReport(lost_s=lost_s))
-            self._lost_at_s[robot.name] = run.clock.now()
+            self._lost_at_s[robot.name] = self._loop.clock.now()
             self._give_up(robot)
         elif state is RobotState.READY and robot.is_lost:
-            back_s = run.emit(lambda time_s: RobotReturned(time_s, robot.name))
+            back_s = self._emit(lambda time_s: RobotReturned(time_s, robot.name))
             robot.losses[-1] = robot.losses[-1].model_copy(update={"back_s": back_s})
             robot.is_given_up = False
             if (timer := self._timers.pop(robot.name, None)) is not None:
@@ -88,10 +91,10 @@ class Losses:
             for future, own_s in robot.pending.items()
             if future not in self._waiting
         }
-        now_s = self._run.clock.now()
+        now_s = self._loop.clock.now()
         later = [limit_s for limit_s in (*limits.values(), self._limit_s(robot, None)) if limit_s > now_s]
         if later:
-            self._timers[robot.name] = self._run.loop.call_at(min(later), partial(self._give_up, robot))
+            self._timers[robot.name] = self._loop.call_at(min(later), partial(self._give_up, robot))
         for future, limit_s in limits.items():
             if limit_s <= now_s:
                 robot.is_given_up = True
@@ -125,7 +128,7 @@ class Losses:
             return None
         wait_s = 0.0
         if robot.is_lost:
-            wait_s = max(0.0, self._limit_s(robot, context.lost_after_s) - self._run.clock.now())
+            wait_s = max(0.0, self._limit_s(robot, context.lost_after_s) - self._loop.clock.now())
         if isinstance(policy, WaitPolicy):
             wait_s += policy.wait_s
         if robot.is_lost:
@@ -141,11 +144,11 @@ class Losses:
         self, context: ExecutionContext, robot: Participant, wait_s: float
     ) -> Generator[Future[Any], None, None]:
         """Wait until a robot is back, for a limited time, or until the run, the task or the robot is stopped."""
-        future: Future[None] = Future(self._run.clock)
+        future: Future[None] = Future(self._loop.clock)
         self._waiting[future] = robot
-        timer = self._run.loop.call_at(self._run.clock.now() + wait_s, future.set)
+        timer = self._loop.call_at(self._loop.clock.now() + wait_s, future.set)
         try:
-            yield from self._run.wait(context, future)
+            yield from self._wait(context, future)
         finally:
             timer.cancel()
             del self._waiting[future]
@@ -158,32 +161,3 @@ class Losses:
         if step.meeting(frame) is not None:
             robot.is_rejoining = False
         return not find_meetings(frame, (step,))
-
-    def record_skip(self, context: ExecutionContext, step: Step, path: str) -> None:
-        """Record that a robot that was lost leaves out a step."""
-        robot = context.required_robot
-        label = step.describe(context.frame.scenario.parameters)
-        error = ErrorReport(
-            code=UnavailableError.code, message=f"{robot.name} was lost; it rejoins at its next meeting"
-        )
-
-        def skipped(time_s: float) -> StepEnded:
-            record = StepRecord(
-                robot=robot.name,
-                role=context.role,
-                step=path,
-                branch=context.branch,
-                kind=step.kind,
-                label=label,
-                resource=None,
-                command=None,
-                start_s=time_s,
-                end_s=time_s,
-                outcome="skipped",
-                attempts=0,
-                error=error,
-            )
-            self._run.records.append(record)
-            return StepEnded(time_s, record)
-
-        self._run.emit(skipped)

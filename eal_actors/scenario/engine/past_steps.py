@@ -17,9 +17,9 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import EALError, ScenarioError
 from eal_actors.scenario.engine.plan import Plan
 from eal_actors.scenario.language.expressions import RobotReading
+from eal_actors.scenario.language.scenario import Step
 from eal_actors.scenario.report.records import from_record
 from eal_actors.scenario.report.resuming import Resumption
-from eal_actors.scenario.steps.base import Step
 
 _Key = tuple[str | None, str]
 """A robot, None outside of `on`, and the path of a step."""
@@ -135,7 +135,7 @@ class _Reader:
         """Refuse a step that must not be performed again."""
         step, robot = self._step(entry["step"]), entry["robot"]
         info = self._info(robot, entry.get("resource"))
-        if step is None or not step.may_repeat(self._plan, info, entry.get("command")):
+        if step is None or not step.may_repeat(self._plan.python, info, entry.get("command")):
             who = "" if robot is None else f"{robot}: "
             mark = self._plan.scenario.position_of(entry["step"])
             where = f"{entry['step']}, {mark.file}:{mark.line}"

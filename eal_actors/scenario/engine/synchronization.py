@@ -1,115 +1,16 @@
-"""The synchronization of tasks: groups, meetings, signals, and pauses. Everything runs in the loop's thread."""
+"""The synchronization of tasks: meetings, signals, and pauses. Everything runs in the loop's thread."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from eal_actors.actors.future import Future
 from eal_actors.kernel.clock import Clock
-from eal_actors.kernel.errors import CallCancelledError
-from eal_actors.scenario.engine.frames import ExecutionContext, Frame, Participant, StepTask
-from eal_actors.scenario.engine.loop import Coroutine
+from eal_actors.scenario.engine.frames import Frame, StepTask
+from eal_actors.scenario.language.scenario import Step
 from eal_actors.scenario.report.events import RunEvent, RunPaused, RunResumed
-
-if TYPE_CHECKING:  # both import this module
-    from eal_actors.scenario.engine.context import RunContext
-    from eal_actors.scenario.steps.base import Step
-
-
-# Groups.
-
-
-class StepGroup:
-    """Tasks that begin together, and that another task waits for.
-
-    Args:
-        run: the run.
-        context: the context of the step that begins them.
-        until: `all`, `first` or a signal.
-        timeout_s: their time limit; None for none.
-
-    Attributes:
-        late: the robots that were at work when the time was up; None if the tasks ended in time.
-    """
-
-    def __init__(self, run: RunContext, context: ExecutionContext, until: str, timeout_s: float | None = None) -> None:
-        self.late: list[Participant] | None = None
-        self._timeout_s = timeout_s
-        self._run = run
-        self._context = context
-        self._until = until
-        self._over: Future[None] = Future(run.clock)
-        self._all_ended: Future[None] = Future(run.clock)
-        self._left: dict[StepTask, None] = {}
-
-    def perform(self, tasks: Sequence[tuple[StepTask, Coroutine]]) -> Coroutine:
-        """Run all tasks until the condition holds; robots that are not through by then are halted."""
-        if not tasks:
-            return
-        run, parent = self._run, self._context.task
-        for task, _ in tasks:
-            self._left[task] = None
-            parent.children[task] = None
-        for task, _ in tasks:
-            run.barriers.enter(task)
-        if self._until not in ("all", "first"):
-            signal = run.signals.wait(self._context.frame, self._until)
-            signal.add_done_callback(lambda _: self._over.set())
-        for task, coroutine in tasks:
-            run.loop.spawn(coroutine, partial(self._ended, task))
-        if self._timeout_s is None:
-            yield self._over
-        else:
-            yield from self._wait_within(self._timeout_s)
-        if self._left:
-            yield from self._stop_rest()
-
-    def _wait_within(self, timeout_s: float) -> Coroutine:
-        """Wait until they are over, or the time is up."""
-        try:
-            is_over = yield from self._run.wait_within(self._context, self._over, timeout_s)
-        except CallCancelledError:  # they are being stopped as well
-            yield self._over
-            return
-        if not is_over:
-            robots = dict.fromkeys(robot for task in self._left for robot in task.robots())
-            self.late = [robot for robot in robots if robot.outcome is None]
-
-    def _ended(self, task: StepTask, error: BaseException | None) -> None:
-        run = self._run
-        self._left.pop(task, None)
-        self._context.task.children.pop(task, None)
-        run.barriers.leave(task)
-        if error is not None:
-            run.fail(error)
-        if not self._left:
-            self._over.set()
-            self._all_ended.set()
-        elif self._until == "first" and self._is_through(task):
-            self._over.set()
-
-    def _is_through(self, task: StepTask) -> bool:
-        """Return whether a task has performed all of its steps, and was not cut short."""
-        if task.is_stopped or self._run.is_stopping:
-            return False
-        return task.slot is None or task.slot.robot.outcome is None
-
-    def _stop_rest(self) -> Coroutine:
-        tasks = list(self._left)
-        slot = self._context.slot
-        robots = dict.fromkeys([slot.robot] if slot else [robot for task in tasks for robot in task.robots()])
-        for task in tasks:
-            task.stop()
-        if self._left:
-            yield self._all_ended
-        touched: dict[str, None] | None = None
-        if slot is not None and not any(task.touches_all for task in tasks):  # the robot's other branches continue
-            touched = {name: None for task in tasks for name in task.touched}
-        yield from self._run.halt([robot for robot in robots if robot.outcome is None], touched)
-
 
 # Meetings.
 

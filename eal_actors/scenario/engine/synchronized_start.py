@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from eal_actors.actors.call import Call
 from eal_actors.actors.future import Future
@@ -12,11 +12,9 @@ from eal_actors.kernel.errors import CallCancelledError
 from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.frames import ExecutionContext, Participant, StepTask
 from eal_actors.scenario.engine.loop import Coroutine
+from eal_actors.scenario.language.scenario import Step
 from eal_actors.scenario.report.events import StartedTogether
 from eal_actors.scenario.report.summary import StartReport
-
-if TYPE_CHECKING:  # steps import this module
-    from eal_actors.scenario.steps.base import Step
 
 _LEAD_S: Final = 0.002
 """Real seconds between the last sending and the start, in addition to the delay of the network."""

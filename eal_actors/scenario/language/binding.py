@@ -9,7 +9,8 @@ from eal_actors.device.info import ResourceInfo, unknown_name
 from eal_actors.kernel.errors import ConfigError, Problem, RobotNotFoundError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.scenario.language.scenario import RoleSection, Scenario
+from eal_actors.scenario.language.scenario import Scenario
+from eal_actors.scenario.language.sections import RoleSection
 
 Wishes = Mapping[str, Sequence[str]]
 """Robots by role, chosen when the scenario is run; they replace the criteria of the role."""

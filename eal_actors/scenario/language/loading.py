@@ -17,8 +17,11 @@ from eal_actors.kernel.yaml_source import LARGE, parse_yaml, read_file
 from eal_actors.kernel.yaml_tree import format_path
 from eal_actors.scenario.language.parameters import check_parameters, set_parameters
 from eal_actors.scenario.language.repair import RepairedFile, repair
-from eal_actors.scenario.language.scenario import Scenario, ScenarioFile
+from eal_actors.scenario.language.scenario import Scenario, ScenarioFile, use_step_kinds
 from eal_actors.scenario.language.scope import check_scope
+from eal_actors.scenario.steps.registry import step_union
+
+use_step_kinds(step_union)
 
 MAX_PARTS_DEEP: Final = 8
 """Maximum nesting of scenarios."""

@@ -14,7 +14,8 @@ from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_tree import YamlTree, show
 from eal_actors.scenario.language.expressions import parse_template
-from eal_actors.scenario.language.scenario import ParameterSection, Scenario, ScenarioFile
+from eal_actors.scenario.language.scenario import Scenario, ScenarioFile
+from eal_actors.scenario.language.sections import ParameterSection
 
 _TRUTHS: Final = {"true": True, "false": False}
 _EXAMPLES: Final = {"int": "3", "double": "0.5", "bool": "true", "string": "TEXT", "list": "[1,2]"}

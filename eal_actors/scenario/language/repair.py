@@ -14,8 +14,8 @@ from pydantic import ValidationError
 
 from eal_actors.kernel.errors import Problem
 from eal_actors.kernel.strict_model import problems_from
-from eal_actors.kernel.yaml_tree import MarkedDict, MarkedList, YamlPath, YamlTree
-from eal_actors.scenario.language.scenario import ScenarioFile, parse_path
+from eal_actors.kernel.yaml_tree import MarkedDict, MarkedList, YamlPath, YamlTree, parse_path
+from eal_actors.scenario.language.scenario import ScenarioFile
 
 _ROUNDS: Final = 20
 _MOST_PROBLEMS: Final = 1000

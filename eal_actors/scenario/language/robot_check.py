@@ -27,10 +27,9 @@ from eal_actors.scenario.language.expressions import (
     expressions_in,
     render,
 )
-from eal_actors.scenario.language.scenario import Scenario
+from eal_actors.scenario.language.scenario import Scenario, Step
 from eal_actors.scenario.language.static_values import MAX_COMBINATIONS, StaticValues, TooManyCombinationsError
 from eal_actors.scenario.language.values import Wanted, number_problem
-from eal_actors.scenario.steps.base import Step
 
 MAX_IN_ALL: Final = 200_000
 """Maximum combinations that are tried for all steps of a scenario together."""

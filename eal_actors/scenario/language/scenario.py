@@ -4,73 +4,221 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, ClassVar, Final, TypeAlias
 
-from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
+from pydantic import Field, NonNegativeFloat, PositiveFloat
 
+from eal_actors.device.info import ResourceInfo
 from eal_actors.kernel.errors import Problem
-from eal_actors.kernel.strict_model import NAMES_ONLY, Name, StrictModel, Version1
+from eal_actors.kernel.strict_model import NAMES_ONLY, DeferredType, Name, StrictModel, Version1
 from eal_actors.kernel.suggestions import nearest
-from eal_actors.kernel.yaml_tree import Mark, YamlPath, YamlTree, format_path
-from eal_actors.scenario.language.values import (
-    MIN_ITEMS,
-    NOT_EMPTY,
-    OnFailure,
-    OnLost,
-    Scalars,
-    Text,
-    Value,
-    VariableName,
-)
-from eal_actors.scenario.steps.base import AnyStep, Step, Steps
+from eal_actors.kernel.yaml_tree import Mark, YamlPath, YamlTree, format_path, parse_path
+from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.scenario.engine.python_functions import StepFunction
+from eal_actors.scenario.language.expressions import LocatedExpression, locate_expressions
+from eal_actors.scenario.language.sections import ParameterSection, RoleSection
+from eal_actors.scenario.language.values import MIN_ITEMS, NOT_EMPTY, OnFailure, OnLost, VariableName, Wanted
+from eal_actors.scenario.language.wording import show_value
 
-_ELEMENT: Final = re.compile(r"\[(\d+)\]|([^.\[\]]+)")
 _DIGIT: Final = re.compile(r"\d")
-Words = Annotated[tuple[Text, ...], Field(strict=False, json_schema_extra=MIN_ITEMS), NOT_EMPTY]
-ParameterType = Literal["int", "double", "bool", "string", "list"]
 
 
-class ParameterSection(StrictModel):
-    """A value that can be chosen when the scenario is run."""
-
-    type: ParameterType
-    unit: Text | None = None
-    """Its unit, such as `m/s`, for people."""
-    default: Value | None = None
-    """Its value if none is given. Without a default, a value must be given."""
-    minimum: float | None = None
-    maximum: float | None = None
-    choices: Scalars = ()
-    """The allowed values; empty for no such limit."""
-    description: str = ""
+Keys: TypeAlias = tuple[str | int, ...]
+"""The keys from a step to one of its values."""
+Show: TypeAlias = Callable[[object], str]
+"""Returns a value for people, with the values of parameters inserted."""
 
 
-class RoleSection(StrictModel):
-    """The robots of the fleet that take the role: those that fit all criteria, or all robots without any."""
+class Step(StrictModel):
+    """A step of a scenario.
 
-    tags: Words | None = None
-    """They have one of these tags."""
-    types: Words | None = None
-    """Their type is, or builds on, one of these."""
-    robots: Words | None = None
-    """They have one of these names."""
-    needs: dict[Name, Annotated[tuple[Text, ...], Field(strict=False)]] = Field(
-        default={}, json_schema_extra=NAMES_ONLY
-    )
-    """They have these resources, and each resource these commands."""
-    min: NonNegativeInt = 1
-    """With fewer robots the scenario does not start, and does not continue."""
-    max: PositiveInt | None = None
-    """At most so many take part: the first of the fleet file."""
-    spares: NonNegativeInt = 0
-    """So many of the other robots that fit are kept in reserve for one that fails."""
+    Attributes:
+        kind: the key that names the kind.
+        is_expectation: it checks the run, so that its failure is a result.
+    """
+
+    kind: ClassVar[str]
+    is_expectation: ClassVar[bool] = False
+
+    safe_to_repeat: bool | None = None
+    """For steps of the top level: a resumed run may repeat the step; defaults to that of the file."""
+    lost_after_s: NonNegativeFloat | None = None
+    """Time out of reach after which the step of a robot fails, in seconds of the fleet's clock; also for the steps
+    inside; defaults to that of the block around it, or of the file."""
+
+    # Structure.
+
+    def children(self) -> Sequence[tuple[Keys, tuple[Step, ...]]]:
+        """Return the lists of steps inside the step, each with its keys."""
+        return ()
+
+    @property
+    def part_file(self) -> str | None:
+        """The file of the scenario that the step runs, relative to its own."""
+        return None
+
+    @property
+    def own_role(self) -> str | None:
+        """The role whose robots perform the steps inside."""
+        return None
+
+    @property
+    def saves_files(self) -> bool:
+        """Whether the step itself writes into the run's folder."""
+        return False
+
+    def prepare(self, fleet: FleetConfig, functions: dict[str, StepFunction]) -> str | None:
+        """Add the Python function that the step calls to those of the run; return a problem with it, or None."""
+        return None
+
+    def may_repeat(self, functions: Mapping[str, StepFunction], info: ResourceInfo | None, command: str | None) -> bool:
+        """Return whether performing the step again, after it was interrupted, leads to the same state as once.
+
+        Args:
+            functions: the functions of the run's Python steps, by name.
+            info: the description of the resource that it calls, if there is one.
+            command: the text argument of its call.
+        """
+        return not self.children()
+
+    def given_signals(self) -> Iterable[str]:
+        """Return the signals that the step itself gives."""
+        return ()
+
+    def roles_at_work(self, scenario: Scenario, path: YamlPath) -> Iterator[str]:
+        """Yield the roles at work in the step, by their names in this scenario."""
+        for keys, steps in self.children():
+            yield from scenario.roles_at_work(steps, (*path, *keys))
+
+    def needs_everyone(self) -> bool:
+        """Return whether the step may use every robot, whatever its role."""
+        return any(step.needs_everyone() for _, steps in self.children() for step in steps)
+
+    def meeting(self, frame: Hashable) -> Hashable | None:
+        """Return the key of the meeting that the step takes part in while a scenario is under way, or None."""
+        return None
+
+    # Expressions.
+
+    def templates(self) -> Iterable[tuple[Keys, object]]:
+        """Return the values of the step that may hold `${...}`."""
+        return ()
+
+    def conditions(self) -> Iterable[tuple[Keys, object]]:
+        """Return the values of the step that are expressions without `${}`."""
+        return ()
+
+    def numbers(self) -> Iterable[tuple[Keys, object, Wanted]]:
+        """Return those of the templates that must be numbers, with their ranges."""
+        return ()
+
+    def assigned(self) -> Iterable[tuple[Keys, str | None]]:
+        """Return the variables that the step assigns."""
+        return ()
+
+    def expressions(self) -> Iterator[LocatedExpression]:
+        """Yield the expressions of the step, without those of the steps inside it."""
+        for keys, value in self.templates():
+            yield from locate_expressions(keys, value)
+        for keys, value in self.conditions():
+            yield from locate_expressions(keys, value, is_bare=True)
+
+    def shared_robots(
+        self, scenario: Scenario, path: YamlPath, roles: Mapping[str, Sequence[str]]
+    ) -> Iterator[Problem]:
+        """Yield a problem for each robot that two branches of a block would use at the same time."""
+        for keys, steps in self.children():
+            for index, step in enumerate(steps):
+                yield from step.shared_robots(scenario, (*path, *keys, index), roles)
+
+    # Wording.
+
+    def describe(self, parameters: Mapping[str, object]) -> str:
+        """Return what the step does, for people, with the values of parameters; without the steps inside it."""
+        return self.words(partial(show_value, parameters=parameters))
+
+    def words(self, show: Show) -> str:
+        """Return the same, with `show` for all values."""
+        return self.kind
+
+    def branch_words(self, keys: Keys) -> tuple[str, str] | None:
+        """Return the kind and the text of the timeline entry for a list of steps inside; None if it needs no entry."""
+        return None
+
+    # Planning.
+
+    def passes(self, scenario: Scenario) -> int | None:
+        """Return how often the steps inside run; None if that is known only during the run."""
+        return 1
+
+    def own_calls(self, robots: int) -> int:
+        """Return the number of calls that the step itself makes with so many robots."""
+        return 0
+
+    def count_calls(self, scenario: Scenario, path: YamlPath, robots: int | None, live: Mapping[str, int]) -> int:
+        """Return the number of calls if nothing fails, as far as it is known.
+
+        Args:
+            scenario: the scenario of the step.
+            path: of the step.
+            robots: the number of robots of the `on` around the step; None outside of `on`.
+            live: the number of robots of each role.
+        """
+        count = self.own_calls(robots or 0)
+        passes = self.passes(scenario)
+        for keys, steps in self.children() if passes else ():
+            count += (passes or 0) * scenario.count_calls(steps, (*path, *keys), robots, live)
+        return count
+
+    # Visits. Each kind of visitor has a type that imports this module; `StepKind` states it.
+
+    def check(self, check: Any, path: YamlPath, scope: Any) -> None:
+        """Check the step against its surroundings, and then the steps inside it."""
+        raise NotImplementedError
+
+    def check_robots(self, check: Any, path: YamlPath, here: Any) -> None:
+        """Check the step, and the steps inside it, on the robots that come to it."""
+        raise NotImplementedError
+
+    def timeline(self, builder: Any, path: YamlPath, robots: tuple[str, ...]) -> Any:
+        """Return the robots of the step's timeline entry, and the entries inside it."""
+        raise NotImplementedError
+
+    def perform(self, run: Any, context: Any, path: str) -> Generator[Any, None, None]:
+        """Perform the step for the robot of a context, or for none outside of `on`. Thread: the run's own."""
+        raise NotImplementedError
+
+
+class FallibleModel(Step):
+    """A step that can fail, as in the file.
+
+    Attributes:
+        is_instant: it takes no time, so that only its failure is recorded.
+        meets_again: a resumed run performs it again although it was over.
+    """
+
+    is_instant: ClassVar[bool] = False
+    meets_again: ClassVar[bool] = False
+
     on_failure: OnFailure | None = None
-    """The policy when a step of its robots fails; defaults to that of the file."""
-    on_lost: OnLost | None = None
-    """The policy when one of its robots is lost; defaults to that of the file."""
+    """The policy if it fails; defaults to that of the block around it, of the role or of the file."""
+
+
+_step_union: list[Callable[[], object]] = []
+
+
+def use_step_kinds(union: Callable[[], object]) -> None:
+    """Set the function that returns the union of all kinds of steps: their modules import this one."""
+    _step_union[:] = [union]
+
+
+AnyStep: TypeAlias = Annotated[Step, DeferredType(lambda: _step_union[0]())]
+"""A step in a file. Its type is the union of all kinds, which is built when the first file is read."""
+Steps: TypeAlias = Annotated[tuple[AnyStep, ...], Field(strict=False, json_schema_extra=MIN_ITEMS), NOT_EMPTY]
 
 
 class ScenarioFile(StrictModel):
@@ -235,22 +383,12 @@ class Scenario:
         return tuple(name for _, _, name, step in self.walk() if step.is_expectation)
 
     def position_of(self, step: str) -> Mark:
-        """Return the position of a step in its file.
-
-        Args:
-            step: its path in records, such as `steps[0].do[1]`; inside a part, behind the path of the step that runs
-                the part.
-        """
+        """Return the position of a step in its file, by its path in records, such as `steps[0].do[1]`."""
         for path, part in self.parts.items():
             prefix = f"{path}.{part.name}."
             if step.startswith(prefix):
                 return part.position_of(step.removeprefix(prefix))
         return self.tree.mark_at(parse_path(step))
-
-
-def parse_path(text: str) -> YamlPath:
-    """Return the path of a text such as `steps[0].do[1]`; the opposite of `format_path`."""
-    return tuple(int(index) if index else name for index, name in _ELEMENT.findall(text))
 
 
 def scenario_hash(scenario: Scenario) -> str:

@@ -27,9 +27,8 @@ from eal_actors.scenario.language.expressions import (
 from eal_actors.scenario.language.expressions.functions import CONSTANTS, FUNCTIONS
 from eal_actors.scenario.language.expressions.grammar import READINGS
 from eal_actors.scenario.language.parameters import unit_problem
-from eal_actors.scenario.language.scenario import Scenario
+from eal_actors.scenario.language.scenario import Scenario, Step
 from eal_actors.scenario.language.values import OnFailure, final_action
-from eal_actors.scenario.steps.base import Step
 
 ROBOT_FACTS: Final = frozenset({"robot", "role", "index", "count"})
 """Variables of every robot in an `on`: its name, its role, its number in it from 0, and their number."""

@@ -6,8 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from eal_actors.kernel.yaml_tree import YamlPath, format_path
-from eal_actors.scenario.language.scenario import Scenario
-from eal_actors.scenario.steps.base import Step
+from eal_actors.scenario.language.scenario import Scenario, Step
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,9 +7,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from eal_actors.kernel.yaml_tree import YamlPath, format_path
-from eal_actors.scenario.language.scenario import Scenario
+from eal_actors.scenario.language.scenario import Scenario, Step
 from eal_actors.scenario.language.scope import ROBOT_FACTS, RUN
-from eal_actors.scenario.steps.base import Step
 
 
 @dataclass(frozen=True, slots=True)

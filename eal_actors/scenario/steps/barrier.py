@@ -10,10 +10,10 @@ from eal_actors.kernel.errors import DeadlineError
 from eal_actors.kernel.strict_model import Name
 from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.engine.action import StepAction
-from eal_actors.scenario.engine.frames import Frame
 from eal_actors.scenario.engine.loop import Coroutine
+from eal_actors.scenario.language.scenario import Show
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
-from eal_actors.scenario.steps.base import Show, WaitingStep
+from eal_actors.scenario.steps.base import WaitingStep
 
 
 class BarrierStep(WaitingStep):
@@ -24,7 +24,7 @@ class BarrierStep(WaitingStep):
     barrier: Name
 
     @override
-    def meeting(self, frame: Frame) -> Hashable:
+    def meeting(self, frame: Hashable) -> Hashable:
         return frame, self.barrier
 
     @override

@@ -1,159 +1,47 @@
 """The interface of step kinds.
 
-The loader, the checks, the plan and the engine see steps only through `Step`. A kind overrides what it needs: most have
-fields, `templates` or `conditions`, `words`, `label` and `attempt`. Blocks also have `children`.
+`Step`, in the scenario's model, has the structure, the expressions, the wording and the planning of a step; the loader,
+the checks, the plan and the engine see steps only through it. `StepKind` adds its checks on the file and on robots, its
+timeline entry and its execution. A kind overrides what it needs: most have fields, `templates` or `conditions`,
+`words`, `label` and `attempt`. Blocks also have `children`.
 
 A step describes itself; it holds no state of a run, for many robots may perform one step at the same time.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, ClassVar, TypeAlias
 
-from pydantic import Field, NonNegativeFloat
 from typing_extensions import override
 
-from eal_actors.kernel.errors import Problem
-from eal_actors.kernel.strict_model import DeferredType, StrictModel
 from eal_actors.kernel.yaml_tree import YamlPath
-from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.scenario.engine.action import StepAction
+from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.executor import perform_step, perform_within
+from eal_actors.scenario.engine.frames import ExecutionContext
 from eal_actors.scenario.engine.loop import Coroutine
-from eal_actors.scenario.engine.python_functions import StepFunction
 from eal_actors.scenario.engine.synchronization import find_meetings
-from eal_actors.scenario.language.expressions import LocatedExpression, Namespace, locate_expressions, render
+from eal_actors.scenario.language.expressions import Namespace, render
+from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
+from eal_actors.scenario.language.scenario import FallibleModel, Keys, Show, Step
+from eal_actors.scenario.language.scope import Scope, ScopeCheck
 from eal_actors.scenario.language.values import (
-    MIN_ITEMS,
-    NOT_EMPTY,
-    OnFailure,
     Timeout,
     Wanted,
     checked_number,
     final_action,
 )
-from eal_actors.scenario.steps.wording import short_number, show_value
-
-if TYPE_CHECKING:  # the scenario's model consists of steps
-    from eal_actors.device.info import ResourceInfo
-    from eal_actors.scenario.engine.context import RunContext
-    from eal_actors.scenario.engine.frames import ExecutionContext, Frame
-    from eal_actors.scenario.engine.plan import Plan
-    from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
-    from eal_actors.scenario.language.scenario import Scenario
-    from eal_actors.scenario.language.scope import Scope, ScopeCheck
-    from eal_actors.scenario.report.timeline import TimelineBuilder, TimelineEntry
-
-Keys: TypeAlias = tuple[str | int, ...]
-"""The keys from a step to one of its values."""
-Show: TypeAlias = Callable[[object], str]
-"""Returns a value for people, with the values of parameters inserted."""
+from eal_actors.scenario.language.wording import short_number
+from eal_actors.scenario.report.timeline import TimelineBuilder, TimelineEntry
 
 
-def _any_kind() -> object:
-    from eal_actors.scenario.steps.registry import step_union  # it imports the kinds, which import this module
-
-    return step_union()
-
-
-class Step(StrictModel):
-    """A step of a scenario.
-
-    Attributes:
-        kind: the key that names the kind.
-        is_expectation: it checks the run, so that its failure is a result.
-    """
-
-    kind: ClassVar[str]
-    is_expectation: ClassVar[bool] = False
-
-    safe_to_repeat: bool | None = None
-    """For steps of the top level: a resumed run may repeat the step; defaults to that of the file."""
-    lost_after_s: NonNegativeFloat | None = None
-    """Time out of reach after which the step of a robot fails, in seconds of the fleet's clock; also for the steps
-    inside; defaults to that of the block around it, or of the file."""
-
-    # Structure.
-
-    def children(self) -> Sequence[tuple[Keys, tuple[Step, ...]]]:
-        """Return the lists of steps inside the step, each with its keys."""
-        return ()
-
-    @property
-    def part_file(self) -> str | None:
-        """The file of the scenario that the step runs, relative to its own."""
-        return None
-
-    @property
-    def own_role(self) -> str | None:
-        """The role whose robots perform the steps inside."""
-        return None
-
-    @property
-    def saves_files(self) -> bool:
-        """Whether the step itself writes into the run's folder."""
-        return False
-
-    def prepare(self, fleet: FleetConfig, functions: dict[str, StepFunction]) -> str | None:
-        """Add the Python function that the step calls to those of the run; return a problem with it, or None."""
-        return None
-
-    def may_repeat(self, plan: Plan, info: ResourceInfo | None, command: str | None) -> bool:
-        """Return whether performing the step again, after it was interrupted, leads to the same state as once.
-
-        Args:
-            plan: of the run.
-            info: the description of the resource that it calls, if there is one.
-            command: the text argument of its call.
-        """
-        return not self.children()
-
-    def given_signals(self) -> Iterable[str]:
-        """Return the signals that the step itself gives."""
-        return ()
-
-    def roles_at_work(self, scenario: Scenario, path: YamlPath) -> Iterator[str]:
-        """Yield the roles at work in the step, by their names in this scenario."""
-        for keys, steps in self.children():
-            yield from scenario.roles_at_work(steps, (*path, *keys))
-
-    def needs_everyone(self) -> bool:
-        """Return whether the step may use every robot, whatever its role."""
-        return any(step.needs_everyone() for _, steps in self.children() for step in steps)
-
-    def meeting(self, frame: Frame) -> Hashable | None:
-        """Return the key of the meeting that the step takes part in, or None."""
-        return None
-
-    # Expressions.
-
-    def templates(self) -> Iterable[tuple[Keys, object]]:
-        """Return the values of the step that may hold `${...}`."""
-        return ()
-
-    def conditions(self) -> Iterable[tuple[Keys, object]]:
-        """Return the values of the step that are expressions without `${}`."""
-        return ()
-
-    def numbers(self) -> Iterable[tuple[Keys, object, Wanted]]:
-        """Return those of the templates that must be numbers, with their ranges."""
-        return ()
-
-    def assigned(self) -> Iterable[tuple[Keys, str | None]]:
-        """Return the variables that the step assigns."""
-        return ()
-
-    def expressions(self) -> Iterator[LocatedExpression]:
-        """Yield the expressions of the step, without those of the steps inside it."""
-        for keys, value in self.templates():
-            yield from locate_expressions(keys, value)
-        for keys, value in self.conditions():
-            yield from locate_expressions(keys, value, is_bare=True)
+class StepKind(Step):
+    """The visits of a kind: its checks, its timeline entry and its execution, for the kind to override."""
 
     # Checks.
 
+    @override
     def check(self, check: ScopeCheck, path: YamlPath, scope: Scope) -> None:
         """Check the step against its surroundings, and then the steps inside it."""
         if self.safe_to_repeat is not None and not (scope.is_top and path[0] == "steps"):
@@ -182,6 +70,7 @@ class Step(StrictModel):
         """Return the scope of the steps inside the step."""
         return scope.inside()
 
+    @override
     def check_robots(self, check: RobotCheck, path: YamlPath, here: RobotScope) -> None:
         """Check the step, and the steps inside it, on the robots that come to it."""
         self.check_numbers(check, path, here)
@@ -202,61 +91,16 @@ class Step(StrictModel):
         """Return the scope, on the robots, of the steps at some keys inside the step."""
         return here
 
-    def shared_robots(
-        self, scenario: Scenario, path: YamlPath, roles: Mapping[str, Sequence[str]]
-    ) -> Iterator[Problem]:
-        """Yield a problem for each robot that two branches of a block would use at the same time."""
-        for keys, steps in self.children():
-            for index, step in enumerate(steps):
-                yield from step.shared_robots(scenario, (*path, *keys, index), roles)
-
-    # Wording.
-
-    def describe(self, parameters: Mapping[str, object]) -> str:
-        """Return what the step does, for people, with the values of parameters; without the steps inside it."""
-        return self.words(partial(show_value, parameters=parameters))
-
-    def words(self, show: Show) -> str:
-        """Return the same, with `show` for all values."""
-        return self.kind
-
-    def branch_words(self, keys: Keys) -> tuple[str, str] | None:
-        """Return the kind and the text of the timeline entry for a list of steps inside; None if it needs no entry."""
-        return None
-
+    @override
     def timeline(
         self, builder: TimelineBuilder, path: YamlPath, robots: tuple[str, ...]
     ) -> tuple[tuple[str, ...], tuple[TimelineEntry, ...]]:
         """Return the robots of the step's timeline entry, and the entries inside it."""
         return robots, builder.children(self, path, robots)
 
-    # Planning.
-
-    def passes(self, scenario: Scenario) -> int | None:
-        """Return how often the steps inside run; None if that is known only during the run."""
-        return 1
-
-    def own_calls(self, robots: int) -> int:
-        """Return the number of calls that the step itself makes with so many robots."""
-        return 0
-
-    def count_calls(self, scenario: Scenario, path: YamlPath, robots: int | None, live: Mapping[str, int]) -> int:
-        """Return the number of calls if nothing fails, as far as it is known.
-
-        Args:
-            scenario: the scenario of the step.
-            path: of the step.
-            robots: the number of robots of the `on` around the step; None outside of `on`.
-            live: the number of robots of each role.
-        """
-        count = self.own_calls(robots or 0)
-        passes = self.passes(scenario)
-        for keys, steps in self.children() if passes else ():
-            count += (passes or 0) * scenario.count_calls(steps, (*path, *keys), robots, live)
-        return count
-
     # Execution.
 
+    @override
     def perform(self, run: RunContext, context: ExecutionContext, path: str) -> Coroutine:
         """Perform the step for the robot of a context, or for none outside of `on`.
 
@@ -265,24 +109,8 @@ class Step(StrictModel):
         raise NotImplementedError
 
 
-AnyStep: TypeAlias = Annotated[Step, DeferredType(_any_kind)]
-"""A step in a file. Its type is the union of all kinds, which is built when the first file is read."""
-Steps: TypeAlias = Annotated[tuple[AnyStep, ...], Field(strict=False, json_schema_extra=MIN_ITEMS), NOT_EMPTY]
-
-
-class FallibleStep(Step):
-    """A step that can fail.
-
-    Attributes:
-        is_instant: it takes no time, so that only its failure is recorded.
-        meets_again: a resumed run performs it again although it was over.
-    """
-
-    is_instant: ClassVar[bool] = False
-    meets_again: ClassVar[bool] = False
-
-    on_failure: OnFailure | None = None
-    """The policy if it fails; defaults to that of the block around it, of the role or of the file."""
+class FallibleStep(FallibleModel, StepKind):
+    """A step that can fail."""
 
     def check_placement(self, check: ScopeCheck, path: YamlPath, scope: Scope) -> None:
         """Check the failure policy."""
@@ -388,7 +216,9 @@ class BlockStep(LimitedStep):
     @override
     def perform(self, run: RunContext, context: ExecutionContext, path: str) -> Coroutine:
         meets = find_meetings(context.frame, (self,))
-        return perform_within(run, context, self, path, meets, partial(self.perform_inside, run, path=path))
+        return perform_within(
+            run, context, self, self.timeout_s, path, meets, partial(self.perform_inside, run, path=path)
+        )
 
     def perform_inside(self, run: RunContext, context: ExecutionContext, path: str) -> Coroutine:
         """Perform the steps inside; the time limit is already handled."""

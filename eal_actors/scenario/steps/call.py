@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from typing_extensions import override
 
@@ -18,20 +18,18 @@ from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.executor import perform_step
-from eal_actors.scenario.engine.frames import ExecutionContext, Frame, Participant
+from eal_actors.scenario.engine.frames import ExecutionContext, Participant
 from eal_actors.scenario.engine.loop import Coroutine
+from eal_actors.scenario.engine.python_functions import StepFunction
 from eal_actors.scenario.engine.synchronized_start import SynchronizedStart, join_start
 from eal_actors.scenario.language.expressions import Namespace, expressions_in, render, render_text
 from eal_actors.scenario.language.parameters import unit_of, unit_problem
 from eal_actors.scenario.language.robot_check import CheckedCall, Location, RobotCheck, RobotScope
-from eal_actors.scenario.language.scenario import ScenarioFile
+from eal_actors.scenario.language.scenario import Keys, ScenarioFile, Show
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
 from eal_actors.scenario.language.values import Text, VariableName
 from eal_actors.scenario.report.files import answer_problem, check_file_name, name_problems, save_answer
-from eal_actors.scenario.steps.base import Keys, Show, TimedStep
-
-if TYPE_CHECKING:  # a plan has steps
-    from eal_actors.scenario.engine.plan import Plan
+from eal_actors.scenario.steps.base import TimedStep
 
 TEXT_FIELDS: Final = ("cmd", "req", "key")
 """The arguments that methods take as texts, even if they look like numbers."""
@@ -107,7 +105,7 @@ class CallStep(TimedStep):
         return " ".join([self.kind, resource, *(str(value) for value in fields.values() if value is not None)])
 
     @override
-    def may_repeat(self, plan: Plan, info: ResourceInfo | None, command: str | None) -> bool:
+    def may_repeat(self, functions: Mapping[str, StepFunction], info: ResourceInfo | None, command: str | None) -> bool:
         if self.method != "send_cmd":
             return self.method not in _CONSUMING
         try:
@@ -121,7 +119,7 @@ class CallStep(TimedStep):
         return self.answer_file is not None
 
     @override
-    def meeting(self, frame: Frame) -> Hashable | None:
+    def meeting(self, frame: Hashable) -> Hashable | None:
         return (frame, id(self)) if self.is_together else None
 
     @override

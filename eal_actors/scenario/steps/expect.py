@@ -22,10 +22,11 @@ from eal_actors.scenario.language.expressions import (
     render_text,
     to_plain,
 )
+from eal_actors.scenario.language.scenario import Keys, Show
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
 from eal_actors.scenario.language.values import ExpressionText, Text, Value
-from eal_actors.scenario.steps.base import FallibleStep, Keys, Show
-from eal_actors.scenario.steps.wording import describe_names, short_value
+from eal_actors.scenario.language.wording import describe_names, short_value
+from eal_actors.scenario.steps.base import FallibleStep
 
 
 class ExpectStep(FallibleStep):

@@ -9,10 +9,10 @@ from typing_extensions import override
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.scenario.language.expressions import Namespace
 from eal_actors.scenario.language.values import Text, Value
+from eal_actors.scenario.language.wording import short_value
 from eal_actors.scenario.steps.call import ResourceArguments
 from eal_actors.scenario.steps.go_to import MapStep
 from eal_actors.scenario.steps.places import number_of
-from eal_actors.scenario.steps.wording import short_value
 
 
 class PathArguments(ResourceArguments):

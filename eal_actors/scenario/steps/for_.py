@@ -25,13 +25,12 @@ from eal_actors.scenario.language.expressions import (
     to_plain,
 )
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
-from eal_actors.scenario.language.scenario import Scenario
+from eal_actors.scenario.language.scenario import Keys, Scenario, Show, Steps
 from eal_actors.scenario.language.scope import LoopVariable, Scope, ScopeCheck
 from eal_actors.scenario.language.static_values import StaticLoop, value_of_parameters
 from eal_actors.scenario.language.values import MIN_ITEMS, NOT_EMPTY, Value, VariableName, WholeExpression
-from eal_actors.scenario.steps.base import Keys, Show, Steps
+from eal_actors.scenario.language.wording import short_value
 from eal_actors.scenario.steps.loop import LoopStep
-from eal_actors.scenario.steps.wording import short_value
 
 
 def _refuse_other_than_one(value: object) -> object:

@@ -17,11 +17,11 @@ from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import Namespace, expressions_in, render
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
-from eal_actors.scenario.language.scenario import Scenario
+from eal_actors.scenario.language.scenario import Keys, Scenario, Show
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
 from eal_actors.scenario.language.values import Text, Value
 from eal_actors.scenario.report.timeline import TimelineBuilder, TimelineEntry
-from eal_actors.scenario.steps.base import Keys, Show, TimedStep
+from eal_actors.scenario.steps.base import TimedStep
 from eal_actors.scenario.steps.places import check_driving, known_places, number_of, place_of
 
 

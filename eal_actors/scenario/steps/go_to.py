@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from pydantic import BaseModel, Discriminator, Tag
 from typing_extensions import override
 
 from eal_actors.actors.future import Future
+from eal_actors.device.info import ResourceInfo
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.frames import Participant
+from eal_actors.scenario.engine.python_functions import StepFunction
 from eal_actors.scenario.language.expressions import Namespace, expressions_in
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
@@ -30,10 +32,6 @@ from eal_actors.scenario.steps.places import (
     place_words,
     places_of,
 )
-
-if TYPE_CHECKING:  # a plan has steps
-    from eal_actors.device.info import ResourceInfo
-    from eal_actors.scenario.engine.plan import Plan
 
 
 class PositionArguments(ResourceArguments):
@@ -79,7 +77,7 @@ class MapStep(StartStep):
         return "send_cmd"
 
     @override
-    def may_repeat(self, plan: Plan, info: ResourceInfo | None, command: str | None) -> bool:
+    def may_repeat(self, functions: Mapping[str, StepFunction], info: ResourceInfo | None, command: str | None) -> bool:
         return True  # its goal is a place
 
     @override

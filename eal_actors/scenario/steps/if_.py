@@ -16,10 +16,10 @@ from eal_actors.scenario.engine.frames import ExecutionContext
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import Namespace, evaluate, parse_bare, to_plain
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
-from eal_actors.scenario.language.scenario import Scenario
+from eal_actors.scenario.language.scenario import Keys, Scenario, Show, Step, Steps
 from eal_actors.scenario.language.static_values import Guard
 from eal_actors.scenario.language.values import ExpressionText
-from eal_actors.scenario.steps.base import BlockStep, Keys, Show, Step, Steps
+from eal_actors.scenario.steps.base import BlockStep
 
 
 class IfStep(BlockStep):

@@ -13,9 +13,10 @@ from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import bare_expressions, evaluate_bare
+from eal_actors.scenario.language.scenario import Keys, Show
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
 from eal_actors.scenario.language.values import Value, VariableName
-from eal_actors.scenario.steps.base import FallibleStep, Keys, Show
+from eal_actors.scenario.steps.base import FallibleStep
 
 
 def _refuse_empty(value: object) -> object:

@@ -9,8 +9,9 @@ from typing_extensions import override
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import render_text
+from eal_actors.scenario.language.scenario import Keys, Show
 from eal_actors.scenario.language.values import Text
-from eal_actors.scenario.steps.base import FallibleStep, Keys, Show
+from eal_actors.scenario.steps.base import FallibleStep
 
 
 class LogStep(FallibleStep):

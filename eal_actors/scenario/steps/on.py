@@ -13,17 +13,17 @@ from eal_actors.kernel.strict_model import Name
 from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.engine.context import RunContext
-from eal_actors.scenario.engine.executor import perform_steps, perform_within
+from eal_actors.scenario.engine.executor import StepGroup, perform_steps, perform_within
 from eal_actors.scenario.engine.frames import ExecutionContext, StepTask
 from eal_actors.scenario.engine.loop import Coroutine
-from eal_actors.scenario.engine.synchronization import StepGroup, find_meetings
+from eal_actors.scenario.engine.synchronization import find_meetings
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
-from eal_actors.scenario.language.scenario import Scenario
+from eal_actors.scenario.language.scenario import Keys, Scenario, Show, Steps
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
 from eal_actors.scenario.language.values import Text
+from eal_actors.scenario.language.wording import until_words
 from eal_actors.scenario.report.timeline import TimelineBuilder, TimelineEntry
-from eal_actors.scenario.steps.base import BlockStep, Keys, Show, Steps
-from eal_actors.scenario.steps.wording import until_words
+from eal_actors.scenario.steps.base import BlockStep
 
 
 class OnStep(BlockStep):
@@ -99,5 +99,7 @@ class OnStep(BlockStep):
         for slot in run.slots_of(self.on, context):
             task = StepTask(context.task, slot, meets=meets)
             here = replace(inside, task=task, slot=slot, role=self.on)
-            tasks.append((task, perform_within(run, here, self, path, meets, work)))  # the limit is each robot's own
+            tasks.append(
+                (task, perform_within(run, here, self, self.timeout_s, path, meets, work))
+            )  # the limit is each robot's own
         yield from StepGroup(run, context, self.until).perform(tasks)

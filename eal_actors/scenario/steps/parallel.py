@@ -13,15 +13,15 @@ from eal_actors.kernel.errors import Problem
 from eal_actors.kernel.strict_model import NAMES_ONLY, Name
 from eal_actors.kernel.yaml_tree import YamlPath, format_path
 from eal_actors.scenario.engine.context import RunContext
-from eal_actors.scenario.engine.executor import perform_steps
+from eal_actors.scenario.engine.executor import StepGroup, perform_steps
 from eal_actors.scenario.engine.frames import ExecutionContext, StepTask
 from eal_actors.scenario.engine.loop import Coroutine
-from eal_actors.scenario.engine.synchronization import StepGroup, find_meetings
-from eal_actors.scenario.language.scenario import Scenario
+from eal_actors.scenario.engine.synchronization import find_meetings
+from eal_actors.scenario.language.scenario import Keys, Scenario, Show, Step, Steps
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
 from eal_actors.scenario.language.values import MIN_ITEMS, NOT_EMPTY, Text
-from eal_actors.scenario.steps.base import BlockStep, Keys, Show, Step, Steps
-from eal_actors.scenario.steps.wording import until_words
+from eal_actors.scenario.language.wording import until_words
+from eal_actors.scenario.steps.base import BlockStep
 
 
 def _branches_kind(value: object) -> str:

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.facade.traffic.travelling import JOURNEY_TIMEOUT_S
 from eal_actors.kernel.errors import EALError, ScenarioError
 from eal_actors.kernel.yaml_tree import YamlPath
+from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.language.expressions import Namespace, expressions_in, render
 from eal_actors.scenario.language.robot_check import CheckedCall, Location, RobotCheck, RobotScope
-from eal_actors.scenario.steps.wording import short_value
-
-if TYPE_CHECKING:
-    from eal_actors.scenario.engine.context import RunContext
+from eal_actors.scenario.language.wording import short_value
 
 BASE: Final = "Base"
 _GOTO: Final = {"cmd": "goto", "data": [0.0, 0.0]}

@@ -8,13 +8,14 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from pydantic import Field
 from typing_extensions import override
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
+from eal_actors.device.info import ResourceInfo
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import EALError, ScenarioError, error_text
 from eal_actors.kernel.log import get_logger
@@ -24,12 +25,9 @@ from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine, EventLoop
 from eal_actors.scenario.engine.python_functions import StepFunction, find_function
 from eal_actors.scenario.language.expressions import render
+from eal_actors.scenario.language.scenario import Keys, Show
 from eal_actors.scenario.language.values import Text, Value, VariableName
-from eal_actors.scenario.steps.base import Keys, Show, TimedStep
-
-if TYPE_CHECKING:  # a plan has steps
-    from eal_actors.device.info import ResourceInfo
-    from eal_actors.scenario.engine.plan import Plan
+from eal_actors.scenario.steps.base import TimedStep
 
 DEFAULT_TIMEOUT_S: Final = 60.0
 """The deadline if neither the step nor the scenario has one, in real seconds."""
@@ -78,8 +76,8 @@ class PythonStep(TimedStep):
         return find_function(self.python, self.with_, fleet, functions)
 
     @override
-    def may_repeat(self, plan: Plan, info: ResourceInfo | None, command: str | None) -> bool:
-        return bool(getattr(plan.python[self.python], "safe_to_repeat", False))
+    def may_repeat(self, functions: Mapping[str, StepFunction], info: ResourceInfo | None, command: str | None) -> bool:
+        return bool(getattr(functions[self.python], "safe_to_repeat", False))
 
     @override
     def needs_everyone(self) -> bool:

@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Discriminator, Tag
 
 from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.scenario import steps
-from eal_actors.scenario.steps.base import Step
+from eal_actors.scenario.language.scenario import Step
 
 
 def register(kind: type[Step]) -> None:

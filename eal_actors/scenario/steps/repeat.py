@@ -14,11 +14,10 @@ from eal_actors.scenario.engine.frames import ExecutionContext
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import evaluate, parse_template
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
-from eal_actors.scenario.language.scenario import Scenario
+from eal_actors.scenario.language.scenario import Keys, Scenario, Show, Steps
 from eal_actors.scenario.language.scope import LoopVariable, Scope, ScopeCheck
 from eal_actors.scenario.language.static_values import StaticLoop, value_of_parameters
 from eal_actors.scenario.language.values import INDEX, Repeats, Wanted
-from eal_actors.scenario.steps.base import Keys, Show, Steps
 from eal_actors.scenario.steps.loop import LoopStep
 
 

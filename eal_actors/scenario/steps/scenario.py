@@ -16,19 +16,19 @@ from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_tree import YamlPath, format_path
 from eal_actors.scenario.engine.computing import compute
 from eal_actors.scenario.engine.context import RunContext
-from eal_actors.scenario.engine.executor import perform_steps, perform_within
+from eal_actors.scenario.engine.executor import StepGroup, perform_steps, perform_within
 from eal_actors.scenario.engine.frames import ExecutionContext, Frame, StepTask
 from eal_actors.scenario.engine.loop import Coroutine
-from eal_actors.scenario.engine.synchronization import StepGroup, find_meetings
+from eal_actors.scenario.engine.synchronization import find_meetings
 from eal_actors.scenario.language.expressions import Namespace, expressions_in, render, to_plain
 from eal_actors.scenario.language.parameters import parameter_problem
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
-from eal_actors.scenario.language.scenario import Scenario
+from eal_actors.scenario.language.scenario import Keys, Scenario, Show, Step
 from eal_actors.scenario.language.scope import Scope, ScopeCheck, signals_of
 from eal_actors.scenario.language.static_values import StaticValues
 from eal_actors.scenario.language.values import Text, Value, VariableName
 from eal_actors.scenario.report.timeline import TimelineBuilder, TimelineEntry
-from eal_actors.scenario.steps.base import BlockStep, Keys, Show, Step
+from eal_actors.scenario.steps.base import BlockStep
 
 
 class ScenarioStep(BlockStep):
@@ -215,7 +215,7 @@ class ScenarioStep(BlockStep):
             inside = replace(here, task=around.task)
             return perform_steps(run, scenario.file.steps, f"{frame.prefix}steps", inside)
 
-        work = perform_within(run, replace(context, task=task), self, path, meets, steps)
+        work = perform_within(run, replace(context, task=task), self, self.timeout_s, path, meets, steps)
         yield from StepGroup(run, context, "all").perform([(task, work)])
         if run.may_begin(context):
             run.open_parts.remove(here)

@@ -10,7 +10,8 @@ from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.executor import perform_steps
 from eal_actors.scenario.engine.frames import ExecutionContext
 from eal_actors.scenario.engine.loop import Coroutine
-from eal_actors.scenario.steps.base import BlockStep, Keys, Step, Steps
+from eal_actors.scenario.language.scenario import Keys, Step, Steps
+from eal_actors.scenario.steps.base import BlockStep
 
 
 class SequenceStep(BlockStep):

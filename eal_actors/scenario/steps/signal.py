@@ -11,10 +11,11 @@ from eal_actors.kernel.strict_model import Name
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import render
+from eal_actors.scenario.language.scenario import Keys, Show
 from eal_actors.scenario.language.values import Value
 from eal_actors.scenario.report.events import Signalled
 from eal_actors.scenario.report.records import to_view
-from eal_actors.scenario.steps.base import FallibleStep, Keys, Show
+from eal_actors.scenario.steps.base import FallibleStep
 
 
 class SignalStep(FallibleStep):

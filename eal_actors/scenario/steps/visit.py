@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from typing_extensions import override
 
+from eal_actors.device.info import ResourceInfo
 from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.computing import compute
@@ -16,12 +17,12 @@ from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.executor import perform_step, perform_steps
 from eal_actors.scenario.engine.frames import ExecutionContext
 from eal_actors.scenario.engine.loop import Coroutine
+from eal_actors.scenario.engine.python_functions import StepFunction
 from eal_actors.scenario.language.expressions import Namespace, expressions_in, render
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
-from eal_actors.scenario.language.scenario import Scenario
+from eal_actors.scenario.language.scenario import Keys, Scenario, Show, Step, Steps
 from eal_actors.scenario.language.scope import LoopVariable, Scope, ScopeCheck
 from eal_actors.scenario.language.static_values import StaticLoop, value_of_parameters
-from eal_actors.scenario.steps.base import Keys, Show, Step, Steps
 from eal_actors.scenario.steps.for_ import LoopValues
 from eal_actors.scenario.steps.loop import LoopStep
 from eal_actors.scenario.steps.places import (
@@ -33,10 +34,6 @@ from eal_actors.scenario.steps.places import (
     place_words,
     places_of,
 )
-
-if TYPE_CHECKING:  # a plan has steps
-    from eal_actors.device.info import ResourceInfo
-    from eal_actors.scenario.engine.plan import Plan
 
 PLACE: Final = "place"
 """The variable that holds the present place."""
@@ -109,7 +106,7 @@ class VisitStep(LoopStep):
     # Execution.
 
     @override
-    def may_repeat(self, plan: Plan, info: ResourceInfo | None, command: str | None) -> bool:
+    def may_repeat(self, functions: Mapping[str, StepFunction], info: ResourceInfo | None, command: str | None) -> bool:
         return True  # it drives to a place
 
     @override

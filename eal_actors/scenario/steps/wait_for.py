@@ -14,9 +14,10 @@ from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import render
+from eal_actors.scenario.language.scenario import Keys, Show
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
 from eal_actors.scenario.language.values import Count, Value, VariableName, Wanted
-from eal_actors.scenario.steps.base import Keys, Show, WaitingStep
+from eal_actors.scenario.steps.base import WaitingStep
 
 
 class WaitForStep(WaitingStep):

@@ -9,10 +9,11 @@ from typing_extensions import override
 from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
+from eal_actors.scenario.language.scenario import Keys, Show
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
 from eal_actors.scenario.language.values import Seconds, Wanted
-from eal_actors.scenario.steps.base import FallibleStep, Keys, Show
-from eal_actors.scenario.steps.wording import short_number
+from eal_actors.scenario.language.wording import short_number
+from eal_actors.scenario.steps.base import FallibleStep
 
 
 class WaitStep(FallibleStep):

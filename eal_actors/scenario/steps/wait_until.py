@@ -12,9 +12,10 @@ from eal_actors.kernel.errors import DeadlineError
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import evaluate, parse_bare, to_plain
+from eal_actors.scenario.language.scenario import Keys, Show
 from eal_actors.scenario.language.values import ExpressionText
-from eal_actors.scenario.steps.base import Keys, Show, WaitingStep
-from eal_actors.scenario.steps.wording import describe_names
+from eal_actors.scenario.language.wording import describe_names
+from eal_actors.scenario.steps.base import WaitingStep
 
 POLL_S: Final = 0.1
 

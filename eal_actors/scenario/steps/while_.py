@@ -19,11 +19,10 @@ from eal_actors.scenario.engine.frames import ExecutionContext
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import Expression, Namespace, evaluate, parse_bare, to_plain
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
-from eal_actors.scenario.language.scenario import Scenario
+from eal_actors.scenario.language.scenario import Keys, Scenario, Show, Steps
 from eal_actors.scenario.language.scope import LoopVariable, Scope, ScopeCheck
 from eal_actors.scenario.language.static_values import Guard, StaticLoop
 from eal_actors.scenario.language.values import INDEX, ExpressionText, Repeats, Wanted
-from eal_actors.scenario.steps.base import Keys, Show, Steps
 from eal_actors.scenario.steps.loop import LoopStep
 
 
