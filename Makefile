@@ -57,8 +57,9 @@ demo-network: $(STAMP)  ## the same dance over the network: three robots, each s
 demo-standards: $(STAMP)  ## a ROS 2 robot, an AGV, a MAVLink rover and a Roomba drive a square together; one fails
 	$(BIN)/python -m tests.standards
 
-lab: $(STAMP)  ## the thesis's robots, each behind its own wire to an emulator, drive the square and dance
+lab: $(STAMP)  ## the thesis's robots, each behind its own wire to an emulator, drive the square, dance and patrol
 	$(BIN)/eal lab
+	$(BIN)/eal lab patrol --fleet lab-world
 
 test: $(STAMP)  ## run the tests; what it deselects, test-slow and test-evbotos run
 	$(PYTEST)

@@ -1,4 +1,4 @@
-"""Rules for all tests: no thread may outlive its test; the order of the files and the number of workers."""
+"""Rules for all tests: no thread may outlive its test; the order of files, the number of workers, and repetitions."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from typing import Any, Final
 import pykka
 import pytest
 from hypothesis import settings
+
+from tests.stalls import StallWatch
 
 # A busy machine misses deadlines, and a failure must be repeatable: no deadline, the same examples in every run.
 settings.register_profile("patient", deadline=None, derandomize=True)
@@ -40,7 +42,17 @@ def pytest_xdist_auto_num_workers() -> int:
     return len(os.sched_getaffinity(0)) + 1
 
 
+STALLS: Final = StallWatch()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup() -> None:
+    STALLS.restart()
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        item.add_marker(pytest.mark.flaky(reruns=1, condition=STALLS.has_stalled))
     here = Path(__file__).parent
 
     def rank(item: pytest.Item) -> int:

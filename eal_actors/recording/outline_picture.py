@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from html import escape
 from typing import Final
-from xml.sax.saxutils import escape
 
 from eal_actors.scenario.report.outline import OutlineLine
 
@@ -35,10 +35,11 @@ def _row(number: int, line: OutlineLine) -> str:
     y = _middle_y(number) + 4
     colour = _COLOURS.get(line.kind, _INK)
     weight = "; font-weight: bold" if line.kind in (*_BLOCKS, "section") else ""
+    text = escape(line.text, quote=False)
     return (
         f'<text x="{_MARGIN_PX + 28}" y="{y}" style="fill: {_LINE}; font: inherit" text-anchor="end">'
         f"{line.line or ''}</text>"
-        f'<text x="{_text_x(line)}" y="{y}" style="fill: {colour}; font: inherit{weight}">{escape(line.text)}</text>'
+        f'<text x="{_text_x(line)}" y="{y}" style="fill: {colour}; font: inherit{weight}">{text}</text>'
     )
 
 

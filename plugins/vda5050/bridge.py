@@ -11,8 +11,9 @@ from eal_actors import EALData, Fleet, ResourceHandle, RobotHandle
 from eal_actors.plugin import get_logger
 from eal_actors.recording.sampler import Sampler, SampleSpec
 
+from .order_driver import BASE
 from .settings import BridgeSettings
-from .vehicle import BASE, FleetVehicle
+from .vehicle import FleetVehicle
 
 __all__ = ["BridgeSettings"]
 

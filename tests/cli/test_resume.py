@@ -151,7 +151,7 @@ def test_the_report_shows_the_break(eal: Any, killed: Path) -> None:
     (break_s,) = RunFolder.open(killed).breaks_s
     assert f"resumed at {break_s:.3f} s" in page
     assert "the run was interrupted here, and resumed at steps[1]" in page
-    assert 'class="break"' in page
+    assert 'class="tick break"' in page
 
 
 def test_the_live_table_knows_the_robots_of_a_run_that_goes_on() -> None:

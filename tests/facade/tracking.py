@@ -72,13 +72,16 @@ def destroy_Fixes(resource):
 TRACKED = {"from": ["odometry", "eye"]}
 
 
-def tracked_fleet(folder: Path, robots: dict[str, Any], seed: int = 1, **tracker: Any) -> Fleet:
+def tracked_fleet(
+    folder: Path, robots: dict[str, Any], seed: int = 1, size_m: float | None = None, **tracker: Any
+) -> Fleet:
     """Return a fleet in lock step with a tracker `eye`; it is not connected yet.
 
     Args:
         folder: where the plugin is written.
         robots: the other robots, with the markers 1, 2 and so on.
         seed: of the fleet.
+        size_m: of a square room; None for the simulation's own.
         tracker: further settings of the tracker.
     """
     write_plugin(folder, "eye", TRACKER, "Fixes")
@@ -94,4 +97,7 @@ def tracked_fleet(folder: Path, robots: dict[str, Any], seed: int = 1, **tracker
         "plugin_dirs": [folder / "plugins"],
         "robots": {"eye": {"plugins": {"eye": {"markers": markers} | tracker}}, **entries},
     }
+    if size_m is not None:
+        (folder / "room.yaml").write_text(f"version: 1\nname: room\nsize_m: [{size_m}, {size_m}]\n", encoding="utf-8")
+        content["world"] = str(folder / "room.yaml")
     return Fleet(EALConfigManager.of(content, name="tracked").fleet)

@@ -129,7 +129,7 @@ class Channel:
         self.pending: Final = PendingCalls()
         self.rights: Rights | None = None
         self.process = ""
-        self.memory: Final = ValueMemory(self)
+        self.memory: Final = ValueMemory(self.run_soon, self.request, controller.sharing)
         self._view = view
 
     @property

@@ -31,7 +31,7 @@ from eal_actors.wire.format.messages import (
 from eal_actors.wire.format.packing import PROTOCOL_VERSION
 from eal_actors.wire.rpc.client.call_sender import CallSender
 from eal_actors.wire.rpc.client.discovery import ForeignRobots
-from eal_actors.wire.rpc.client.value_memory import ValueMemory
+from eal_actors.wire.rpc.client.value_memory import MemorySharing, ValueMemory
 from eal_actors.wire.rpc.sender import Sender, UrgentMessage
 from eal_actors.wire.rpc.throttled_log import ThrottledLog
 from eal_actors.wire.security.expiry import certificate_warnings
@@ -88,7 +88,7 @@ class Controller(EALActor):
         dead_man_s: real seconds of its silence after which a robot halts what it moves.
         sender: sends the calls to all robots.
         foreign: the robots of other fleets that answer, in a fleet without security.
-        shares_memory: whether memory is shared with robots on this machine.
+        sharing: whether memory is shared with robots on this machine.
 
     Thread: an actor, which opens the session and sends the heartbeat. zenoh's threads run the listeners' callbacks.
     """
@@ -102,7 +102,7 @@ class Controller(EALActor):
         self._caller = self.certificate or keys.ANYBODY
         self.client: Final = keys.client_id(self._caller, self._secret)
         self.dead_man_s: Final = config.network.dead_man_s
-        self.shares_memory = config.network.shared_memory
+        self.sharing: Final = MemorySharing(self.fleet, is_on=config.network.shared_memory)
         self.display_name: Final = process_name(self.certificate)
         self._config = config
         self._robots = None if robots is None else tuple(robots)

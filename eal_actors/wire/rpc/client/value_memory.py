@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import Any, Final
 
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import UnavailableError, error_text
@@ -13,13 +14,30 @@ from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import Answer
 from eal_actors.wire.shared_memory import LEAST_BYTES, MOST_BYTES, OwnedMemory, SharedValue
 
-if TYPE_CHECKING:
-    from eal_actors.wire.rpc.client.channel import Channel
-
 _RENEW_S: Final = 5.0
 """Real seconds between two offers. A new memory replaces one that is too small, or whose slots hold values that were
 lost on the way."""
 _TIMEOUT_S: Final = 2.0
+
+
+class MemorySharing:
+    """Whether a controller shares memory with robots on this machine.
+
+    Args:
+        fleet: the fleet's name.
+        is_on: whether it does; False once the system has refused memory.
+    """
+
+    def __init__(self, fleet: str, *, is_on: bool) -> None:
+        self.is_on = is_on
+        self._fleet = fleet
+
+    def give_up(self, error: OSError) -> None:
+        """Log once that values come over the link."""
+        if self.is_on:
+            self.is_on = False
+            message = "no shared memory; large values of robots on this machine come over their links"
+            get_logger(fleet=self._fleet).warning(message, reason=error_text(error))
 
 
 class ValueMemory:
@@ -28,11 +46,20 @@ class ValueMemory:
     It is offered when a large value has come over the link. A robot that cannot open it, since it is on another
     machine for example, refuses, and is not asked again until it has reconnected.
 
+    Args:
+        run_soon: runs an action in the connection's thread.
+        request: sends a request to the robot; see `Channel.request`.
+        sharing: of the controller.
+
     Thread: the connection's, except `note` and `take`.
     """
 
-    def __init__(self, channel: Channel) -> None:
-        self._channel = channel
+    def __init__(
+        self, run_soon: Callable[[Callable[[], None]], None], request: Callable[..., Any], sharing: MemorySharing
+    ) -> None:
+        self._run_soon = run_soon
+        self._request = request
+        self._sharing = sharing
         self._memories: tuple[OwnedMemory, ...] = ()  # the current one and the former, whose values may be on the way
         self._next_offer_s = -math.inf
 
@@ -45,7 +72,7 @@ class ValueMemory:
         """Note that a value has come over the link. Thread: any; does not block."""
         if LEAST_BYTES <= value_bytes <= MOST_BYTES and REAL_TIME.now() >= self._next_offer_s:
             self._next_offer_s = REAL_TIME.now() + _RENEW_S
-            self._channel.run_soon(partial(self._offer, value_bytes))
+            self._run_soon(partial(self._offer, value_bytes))
 
     def take(self, value: SharedValue) -> bytes:
         """Return a copy of a value and free its slot. Thread: any.
@@ -70,15 +97,15 @@ class ValueMemory:
             memory.close()
 
     def _offer(self, value_bytes: int) -> None:
-        if not self._channel.controller.shares_memory:
+        if not self._sharing.is_on:
             return
         try:
             memory = OwnedMemory(value_bytes)
         except OSError as error:
-            self._give_up(error)
+            self._sharing.give_up(error)
             return
         accept = partial(self._finish_offer, memory)
-        self._channel.request(keys.MEMORY, tuple(memory.offer), _TIMEOUT_S, accept, on_failure=memory.close)
+        self._request(keys.MEMORY, tuple(memory.offer), _TIMEOUT_S, accept, on_failure=memory.close)
 
     def _finish_offer(self, memory: OwnedMemory, answer: Answer) -> None:
         if answer != 1:
@@ -89,16 +116,9 @@ class ValueMemory:
             memory.allocate()
         except OSError as error:
             memory.close()
-            self._give_up(error)
+            self._sharing.give_up(error)
             return
         current, former = self._memories[:1], self._memories[1:]
         self._memories = (memory, *current)
         for old in former:
             old.close()
-
-    def _give_up(self, error: OSError) -> None:
-        """Log once that values come over the link."""
-        if self._channel.controller.shares_memory:
-            self._channel.controller.shares_memory = False
-            message = "no shared memory; large values of robots on this machine come over their links"
-            get_logger(fleet=self._channel.controller.fleet).warning(message, reason=error_text(error))

@@ -96,6 +96,9 @@ def test_a_master_drives_a_robot_by_orders_updates_and_actions(broker: Broker, t
         wait_for(lambda: is_done("B") and fleet["roomba-1"]["Base"].get_status().get() == 0, "it is not cancelled")
         assert place()[0] < 2.9
         wait_for(lambda: bool(master.poses), "no visualization")
+        assert state().safety_state.e_stop.value == "NONE"
+        fleet["roomba-1"].stop("a person is in the way").get()
+        wait_for(lambda: state().safety_state.e_stop.value == "REMOTE", "the emergency stop is not reported")
     assert {"state", "connection", "order", "instantActions", "visualization", "factsheet"} <= set(judge.counts)
 
 

@@ -1,0 +1,158 @@
+"""OrderDriver: carries out the nodes and actions of one vehicle's order on its robot, one after the other."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from eal_actors import EALError, Future, RobotHandle
+from eal_actors.plugin import get_logger
+
+from .messages import AgvAction, Node
+from .order_book import OrderBook
+from .vehicle_report import VehicleReport
+
+BASE: Final = "Base"
+_DRIVE_S: Final = 3600.0
+"""Deadline of the way to a node."""
+_CONFIG_S: Final = 5.0
+
+
+class OrderDriver:
+    """Drives to nodes with `goto`, under the robot's lease, which is released when the order is over.
+
+    Args:
+        robot: the robot.
+        book: its order.
+        report: receives errors and action states.
+    """
+
+    def __init__(self, robot: RobotHandle, book: OrderBook, report: VehicleReport) -> None:
+        self._robot = robot
+        self._book = book
+        self._report = report
+        self._log = get_logger(robot=robot.name)
+        self._driving: tuple[Node, Future[Any]] | None = None
+        self._working: tuple[AgvAction, Future[Any]] | None = None
+        self._waiting: list[AgvAction] = []
+        self._usual_m_s: float | None = None
+
+    @property
+    def is_driving(self) -> bool:
+        """Whether the robot is on its way to a node."""
+        return self._driving is not None
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether it drives or works."""
+        return self._driving is not None or self._working is not None
+
+    @property
+    def has_order(self) -> bool:
+        """Whether nodes or actions are left."""
+        return bool(self._book.nodes or self._waiting) or self.is_busy
+
+    def go_on(self, *, is_held: bool, is_placed: bool) -> None:
+        """Hear of what is over, and begin the next node or action.
+
+        Args:
+            is_held: nothing new begins.
+            is_placed: whether the robot knows where it is.
+        """
+        self._hear_of_node()
+        self._hear_of_action()
+        if is_held or self.is_busy:
+            return
+        if self._waiting:
+            self._begin_action(self._waiting.pop(0))
+        elif (node := self._book.next_node()) is not None:
+            self._drive_to(node, is_placed=is_placed)
+
+    def stop(self) -> None:
+        """Halt the robot; the node is to be reached all the same."""
+        self._driving = None
+        try:
+            self._robot[BASE].halt()
+        except EALError as error:
+            self._log.error("could not be halted", reason=error.message)
+
+    def cancel(self) -> None:
+        """Halt the robot, and forget the order."""
+        self.stop()
+        self._book.cancel()
+        for action in self._waiting if self._working is None else [*self._waiting, self._working[0]]:
+            self._report.set_action(action, "FAILED", "cancelled")
+        self._waiting, self._working = [], None
+        self._let_go()
+
+    def _drive_to(self, node: Node, *, is_placed: bool) -> None:
+        position, edge = node.node_position, self._book.edge_to(node)
+        if position is None:  # the book refuses such nodes
+            return
+        base = self._robot[BASE]
+        if edge is None and is_placed and position.theta is None:  # the first node: it is there
+            self._pass(node)
+            return
+        if edge is not None and edge.max_speed is not None:
+            if self._usual_m_s is None:
+                self._usual_m_s = float(base.get_config("speed_m_s", timeout_s=_CONFIG_S).get().value)
+            base.set_config("speed_m_s", min(self._usual_m_s, edge.max_speed))
+        goal = [position.x, position.y] if position.theta is None else [position.x, position.y, position.theta]
+        self._driving = node, base.send_cmd("goto", goal, timeout_s=_DRIVE_S)
+        self._report.is_due = True
+
+    def _hear_of_node(self) -> None:
+        if self._driving is None or not self._driving[1].done():
+            return
+        (node, driving), self._driving = self._driving, None
+        self._report.is_due = True
+        error = driving.exception()
+        if error is None:
+            self._pass(node)
+        else:
+            ids = {"orderId": self._book.order_id, "nodeId": node.node_id}
+            self._report.add("drivingError", str(error), level="FATAL", **ids)
+
+    def _pass(self, node: Node) -> None:
+        self._book.passed(node)
+        self._waiting += node.actions
+        self._report.is_due = True
+        self._let_go_at_end()
+
+    def _begin_action(self, action: AgvAction) -> None:
+        wanted = action.parameters()
+        try:
+            resource, command = str(wanted["resource"]), str(wanted["command"])
+            if resource not in self._robot:
+                raise KeyError(resource)
+        except KeyError as error:
+            self._report.set_action(action, "FAILED", f"there is no {error}")
+            self._report.add("actionError", f"there is no {error}", level="FATAL", actionId=action.action_id)
+            return
+        self._report.set_action(action, "RUNNING")
+        self._working = action, self._robot[resource].send_cmd(command, timeout_s=_DRIVE_S)
+
+    def _hear_of_action(self) -> None:
+        if self._working is None or not self._working[1].done():
+            return
+        (action, answer), self._working = self._working, None
+        error = answer.exception()
+        result = str(answer.get() if error is None else error)
+        self._report.set_action(action, "FINISHED" if error is None else "FAILED", result)
+        if error is not None:
+            self._report.add("actionError", str(error), level="FATAL", actionId=action.action_id)
+        else:
+            self._let_go_at_end()
+
+    def _let_go_at_end(self) -> None:
+        if not self._book.nodes and not self._waiting:
+            self._let_go()
+
+    def _let_go(self) -> None:
+        """Restore the usual speed, and release the robot for other controllers."""
+        try:
+            if self._usual_m_s is not None:
+                self._robot[BASE].set_config("speed_m_s", self._usual_m_s, timeout_s=_CONFIG_S).get()
+            self._robot.release(BASE)
+        except EALError as error:
+            self._log.warning("the robot is not released", reason=error.message)
+        self._usual_m_s = None
