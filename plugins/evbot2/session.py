@@ -44,6 +44,7 @@ _LONGEST_RETRY_S: Final = 0.2
 _TRIES: Final = 8
 _GREETING_S: Final = 0.2  # interval of greetings
 _READING_POLLS: Final = 4
+_UNANSWERED_POLLS: Final = 3  # the base is silent after these; a computer that was held up has not asked meanwhile
 _ROUNDING_S: Final = 1e-6
 _POLLS_KEPT: Final = 16
 _WELCOME_NUMBERS: Final = len(BaseWelcome._fields)
@@ -97,6 +98,7 @@ class BaseSession:
         self._greeting = 0
         self._asked_s = self.watchdog_s
         self._polled_s: float | None = None
+        self._unanswered_count = 0  # polls since the latest reading
         self._absence = f"the base at {port.name} has not answered yet"
         self._reading: StatusReading | None = None
         self._log = get_logger(robot=name)
@@ -113,7 +115,7 @@ class BaseSession:
         lease = self._lease
         if lease is None or self._reading is None or lease.opening != self._port.openings:
             return self._absence
-        return self._why_stale(self._reading)
+        return self._why_stale(self._reading) if self._is_silent else None
 
     def latest(self) -> StatusReading:
         """Return the latest status.
@@ -139,10 +141,13 @@ class BaseSession:
         limit_s = max(_READING_POLLS * self.period_s, self.watchdog_s)
         if age_s <= limit_s + _ROUNDING_S:
             return None
-        return (
-            f"the base at {self._port.name} does not answer: its last reading is {age_s:.2f} s old, "
-            f"and is valid for {limit_s:.2f} s"
-        )
+        where = f"the base at {self._port.name}"
+        why = f"{where} does not answer: its" if self._is_silent else f"{where} was not polled for too long: its"
+        return f"{why} last reading is {age_s:.2f} s old, and is valid for {limit_s:.2f} s"
+
+    @property
+    def _is_silent(self) -> bool:
+        return self._unanswered_count >= _UNANSWERED_POLLS
 
     def order(self, verb: Verb, *numbers: int) -> Generator[float, None, int]:
         """Send an order until the base acknowledges it; return its tag.
@@ -227,6 +232,7 @@ class BaseSession:
             while not is_answered and self.clock.now() - begun_s < self.period_s - _ROUNDING_S:
                 yield POLL_S
                 is_answered = self._answers_to(self._receive)
+            self._unanswered_count = 0 if is_answered else self._unanswered_count + 1
             yield max(0.0, begun_s + self.period_s - self.clock.now())
 
     def greet(self, timeout_s: float) -> Activity:

@@ -169,14 +169,16 @@ class PredictedWheels:
 
     def _moved(self, wheel: int, until_s: float, variant: Variant) -> tuple[float, float]:
         """Return one wheel's travel since the start, and its speed then."""
-        acceleration_m_s2 = variant.factor * self.acceleration_m_s2
         at_s, speed_m_s, moved_m = self._at_s, self._speeds_m_s[wheel], 0.0
+        if until_s <= at_s:
+            return moved_m, speed_m_s
+        acceleration_m_s2 = variant.factor * self.acceleration_m_s2
         ends_s = [time_s + variant.late_s for time_s, _ in self._commands]
         targets_m_s = [target[wheel] for _, target in self._commands]
         if variant.is_deaf:
             targets_m_s = [targets_m_s[0], *targets_m_s[:-1]]
         for target_m_s, end_s in zip(targets_m_s, [*ends_s[1:], until_s], strict=True):
-            duration_s = (min(until_s, end_s)) - at_s
+            duration_s = min(until_s, end_s) - at_s
             if duration_s <= 0:
                 continue
             lack_m_s = target_m_s - speed_m_s

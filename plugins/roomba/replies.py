@@ -92,7 +92,7 @@ class ReplyReader:
     Args:
         most_s: time limit of the first reply; later ones follow the measured delay.
         least_s: the shortest time limit.
-        gap_s: the longest silence within a reply.
+        gap_s: the longest silence within a reply, more than QUIET_S.
         delays: time limit of a reply, in usual delays.
 
     Attributes:
@@ -140,8 +140,10 @@ class ReplyReader:
         held, silent_s = len(self._held), now_s - self._byte_s
         if not held:
             return ReplyState.LOST if now_s - self.latest.asked_s >= self._limit_s else ReplyState.AWAITED
+        if silent_s < QUIET_S:
+            return ReplyState.AWAITED
         is_whole = bool(self._answered())
-        if silent_s < (QUIET_S if is_whole else self._gap_s):
+        if not is_whole and silent_s < self._gap_s:
             return ReplyState.AWAITED
         return ReplyState.WHOLE if is_whole else ReplyState.DAMAGED
 

@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from eal_actors.lab.panorama.cylinder import Attitude, CameraLens, Floats, Image, Mask, project_frame, wrapped_rad
+from eal_actors.lab.panorama.cylinder import Attitude, CameraLens, Floats, Image, Mask, resampled, wrapped_rad
+from eal_actors.lab.panorama.parallax import TurnedCamera
 
 _MOST_BANDS: Final = 5
 _PAD_BANDS: Final = 2  # reach of the coarsest band beyond a column, in its pixels, as a power of two
@@ -32,14 +33,29 @@ class PlacedFrame:
     """
 
     frame: Image
-    lens: CameraLens
+    camera: TurnedCamera
     attitude: Attitude
     gain: float
 
+    def pixels(self, yaws_rad: Floats, down: Floats) -> tuple[Floats, Floats, Mask]:
+        """Return the frame's pixels in directions from the axis, as `TurnedCamera.pixels` does.
+
+        Args:
+            yaws_rad: the directions, (w,).
+            down: tangents of their depression, (h,).
+        """
+        right_rad = np.clip(wrapped_rad(self.attitude.yaw_rad - yaws_rad), -math.pi / 2, math.pi / 2)
+        return self.camera.pixels(right_rad, down[:, np.newaxis], self.attitude)
+
+    @property
+    def lens(self) -> CameraLens:
+        """The lens of the camera."""
+        return self.camera.lens
+
     def project(self, yaws_rad: Floats, down: Floats) -> tuple[NDArray[np.int16], Mask]:
         """Return what the frame shows at yaws (w,) and tangents of depression (h,), and the mask of the frame."""
-        right_rad = np.clip(wrapped_rad(self.attitude.yaw_rad - yaws_rad), -math.pi / 2, math.pi / 2)
-        colours, reaches = project_frame(self.frame, self.lens, right_rad, down, self.attitude)
+        x, y, reaches = self.pixels(yaws_rad, down)
+        colours = resampled(self.frame, x, y)
         return np.asarray(np.rint(colours * np.float32(self.gain)), np.int16), reaches
 
 
@@ -93,11 +109,9 @@ def common_rows(
     for number, view in views.items():
         own_rad = columns_rad[owners == number]
         if own_rad.size:
-            right_rad = wrapped_rad(view.attitude.yaw_rad - own_rad)
             most_px = int(2 * view.lens.height * px_per_rad / view.lens.focal_px)
             rows = np.arange(-most_px, most_px)
-            down = ((rows + 0.5) / px_per_rad)[:, np.newaxis]
-            x, _, reaches = view.lens.pixels(right_rad, down, view.attitude)
+            x, _, reaches = view.pixels(own_rad, (rows + 0.5) / px_per_rad)
             middle = np.abs(x - (view.lens.width - 1) / 2) <= view.lens.width / 2  # the sides of the frame do not count
             seen = rows[(reaches | ~middle).all(axis=1) & reaches.any(axis=1)]
             top, bottom = (max(top, seen[0]), min(bottom, seen[-1] + 1)) if seen.size else (math.inf, -math.inf)
@@ -125,6 +139,10 @@ def find_seams(
         if end < first:
             end += 2 * math.pi * canvas.px_per_rad
         columns = np.arange(math.ceil(first), math.floor(end) + 1)
+        if (
+            not 0 < len(columns) < 2 * views[left].lens.half_view_rad * canvas.px_per_rad
+        ):  # one direction, or no overlap
+            continue
         yaws_rad = canvas.yaws_rad(columns)
         one, one_reaches = views[left].project(yaws_rad, canvas.down)
         other, other_reaches = views[right].project(yaws_rad, canvas.down)

@@ -156,57 +156,7 @@ def scaled_down(frame: Image, width: int) -> Image:
     return np.asarray(cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def project_frame(
-    frame: Image, lens: CameraLens, right_rad: Floats, down: Floats, attitude: Attitude = LEVEL
-) -> tuple[Image, Mask]:
-    """Project a frame onto the cylinder.
-
-    Args:
-        frame: the camera's frame.
-        lens: its lens.
-        right_rad: angle of each column to the right of the camera's yaw, (w,), less than a quarter turn.
-        down: tangent of the depression of each row, (h,).
-        attitude: of the camera; its yaw does not count.
-
-    Returns:
-        The image (h, w, 3), which repeats the frame's edge outside of the frame; and the mask of the frame, (h, w).
-    """
-    x, y, reaches = lens.pixels(right_rad, down[:, np.newaxis], attitude)
+def resampled(frame: Image, x: Floats, y: Floats) -> Image:
+    """Return the frame at columns and rows (h, w) each; its edge is repeated outside."""
     maps = x.astype(np.float32), y.astype(np.float32)
-    image = cv2.remap(frame, *maps, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(image, np.uint8), reaches
-
-
-@dataclass(frozen=True, slots=True)
-class Patch:
-    """A projected frame for comparisons, with its axis in the centre.
-
-    Attributes:
-        grey: brightness, (h, w) of unsigned bytes.
-        reaches: mask of the frame, (h, w).
-        colours: the projected frame.
-        px_per_rad: pixels of the cylinder per radian.
-    """
-
-    grey: NDArray[np.uint8]
-    reaches: Mask
-    colours: Image
-    px_per_rad: float
-
-    @property
-    def centre_px(self) -> tuple[float, float]:
-        """Column and row of the axis."""
-        height, width = self.grey.shape
-        return (width - 1) / 2, (height - 1) / 2
-
-
-def patch_of(frame: Image, lens: CameraLens) -> Patch:
-    """Return the whole frame, projected with as many pixels per radian as it has about its axis."""
-    px_per_rad = lens.focal_px
-    width = int(2 * lens.half_view_rad * px_per_rad)
-    height = lens.height
-    right_rad = (np.arange(width) - (width - 1) / 2) / px_per_rad
-    down = (np.arange(height) - (height - 1) / 2) / px_per_rad
-    colours, reaches = project_frame(frame, lens, right_rad, down)
-    grey: NDArray[Any] = cv2.cvtColor(colours, cv2.COLOR_RGB2GRAY)
-    return Patch(np.asarray(grey, np.uint8), reaches, colours, px_per_rad)
+    return np.asarray(cv2.remap(frame, *maps, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE), np.uint8)

@@ -9,12 +9,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from eal_actors.lab.panorama.cylinder import TILT_RAD, WINDOW_RAD, Patch, Shift
+from eal_actors.lab.panorama.cylinder import TILT_RAD, WINDOW_RAD, Shift
+from eal_actors.lab.panorama.patches import Patch
 
 _MOST: Final = 1500
 _CONTRAST: Final = 0.02  # half of the usual threshold of SIFT: walls of rooms have little contrast
 _RATIO: Final = 0.85
-_SAME_RAD: Final = 0.003  # largest difference between pairs that agree
+_SAME_RAD: Final = 0.0055  # largest difference between pairs that agree, for things at several distances
 _ALIKE_RAD: Final = 0.03  # the same for a lens that is not known yet
 _SIGMA_PX: Final = 0.2
 _ENOUGH: Final = 150  # points of a pair of frames

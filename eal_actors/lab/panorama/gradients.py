@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from eal_actors.lab.panorama.cylinder import TILT_RAD, WINDOW_RAD, Patch, Shift
+from eal_actors.lab.panorama.cylinder import TILT_RAD, WINDOW_RAD, Shift
+from eal_actors.lab.panorama.patches import Patch
 
 _SMOOTH_PX: Final = 1.5
 _LEAST: Final = 0.5  # smallest accepted correlation of gradients

@@ -7,7 +7,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -19,19 +19,20 @@ from eal_actors.lab.panorama.cylinder import (
     CameraLens,
     Floats,
     Image,
-    Patch,
     PlacedBy,
-    patch_of,
     scaled_down,
     wrapped_rad,
 )
 from eal_actors.lab.panorama.features import Features, find_features, shift_by_features
 from eal_actors.lab.panorama.gradients import Comparison, Gradients, compare_gradients, gradients_of
+from eal_actors.lab.panorama.parallax import Parallax, TurnedCamera
+from eal_actors.lab.panorama.patches import Patch, patch_of
 from eal_actors.lab.panorama.ring import Links, Ring, closing_error_rad, ring_of
 
 _MOST_PASSES: Final = 2
 _SAME_LENS_PX: Final = 0.5
-_COMPARED_WIDTH: Final = 800  # largest width for comparisons, in pixels
+_COARSE_WIDTH: Final = 320  # of frames for comparisons, in pixels: things look alike from places 6 cm apart
+_FINE_WIDTH: Final = 800  # for a camera on the axis
 _BLANK: Final = 2.0  # standard deviation of grey levels up to which a picture counts as blank
 _UNLIKE: Final = 16.0  # difference in grey levels from which a blank frame contradicts its neighbour in their overlap
 _DARKEST: Final = 4
@@ -46,7 +47,7 @@ class FramePlacement:
     """Directions of the frames.
 
     Attributes:
-        lens: the camera's lens, as the frames determine it.
+        camera: its lens and its position, as the frames determine them.
         places: attitude of the camera at each placed frame.
         how: source of each placed frame's direction.
         unplaced: why the other frames were not placed.
@@ -54,12 +55,19 @@ class FramePlacement:
         patches: the placed frames, projected for comparison.
     """
 
-    lens: CameraLens
+    camera: TurnedCamera
     places: Mapping[int, Attitude]
     how: Mapping[int, PlacedBy]
     unplaced: Mapping[int, str]
     closing_error_rad: float | None
     patches: Mapping[int, Patch]
+
+
+class _CompareBy(NamedTuple):
+    """The camera model by which frames are projected for comparison, and their largest width."""
+
+    camera: TurnedCamera
+    width: int
 
 
 def place_frames(
@@ -76,28 +84,48 @@ def place_frames(
         lens: the lens of the frames, as far as it is known.
         names: names of the frames in messages.
     """
-    placement = _place(frames, yaws_rad, lens, names)
+    coarse = _settle(frames, yaws_rad, lens, _CompareBy(TurnedCamera(lens, Parallax.none()), _COARSE_WIDTH), names)
+    if coarse.camera.parallax.is_some or lens.width <= _COARSE_WIDTH:
+        return coarse
+    return _settle(frames, yaws_rad, lens, _CompareBy(coarse.camera, _FINE_WIDTH), names)
+
+
+def _settle(
+    frames: Mapping[int, Image], yaws_rad: Sequence[float], given: CameraLens, way: _CompareBy, names: Sequence[str]
+) -> FramePlacement:
+    """Compare the frames again, as long as that changes the camera."""
+    placement = _place(frames, yaws_rad, given, way, names)
     for _ in range(_MOST_PASSES):
-        if _apart_px(placement.lens, lens) < _SAME_LENS_PX:
+        if _apart_px(placement.camera, way.camera) < _SAME_LENS_PX:
             break
-        lens = placement.lens  # frames that are projected by a better lens show more of their overlaps
-        placement = _place(frames, yaws_rad, lens, names)
+        way = way._replace(camera=placement.camera)  # frames that a better model projects show more of their overlaps
+        placement = _place(frames, yaws_rad, given, way, names)
     return placement
 
 
-def _apart_px(lens: CameraLens, other: CameraLens) -> float:
-    """Return how far apart two lenses see the corners of the frame, in pixels."""
-    corners = np.array([[x * lens.width / 2, y * lens.height / 2] for x in (-1, 1) for y in (-1, 1)])
-    return float(np.abs(np.subtract(lens.rays(corners), other.rays(corners))).max()) * lens.focal_px
+def _apart_px(camera: TurnedCamera, other: TurnedCamera) -> float:
+    """Return how far apart two models see the corners of the frame, in pixels."""
+    width, height = camera.lens.width, camera.lens.height
+    corners = np.array([[x * width / 2, y * height / 2] for x in (-1, 1) for y in (-1, 1)])
+    seen = [
+        np.stack(each.parallax.seen_from_axis(*each.lens.rays(corners), np.full(4, each.parallax.nearness.mean())))
+        for each in (camera, other)
+    ]
+    return float(np.abs(seen[0] - seen[1]).max()) * camera.lens.focal_px
 
 
 def _place(
-    frames: Mapping[int, Image], yaws_rad: Sequence[float], lens: CameraLens, names: Sequence[str]
+    frames: Mapping[int, Image],
+    yaws_rad: Sequence[float],
+    given: CameraLens,
+    way: _CompareBy,
+    names: Sequence[str],
 ) -> FramePlacement:
-    views = {number: _ComparedFrame(frame, lens) for number, frame in frames.items()}
+    camera = way.camera
+    views = {number: _ComparedFrame(frame, way, yaws_rad[number]) for number, frame in frames.items()}
     if all(view.is_blank for view in views.values()):
-        return FramePlacement(lens, {}, {}, dict.fromkeys(frames, "is blank, as all frames are"), None, {})
-    field_of_view_rad = 2 * lens.half_view_rad
+        return FramePlacement(camera, {}, {}, dict.fromkeys(frames, "is blank, as all frames are"), None, {})
+    field_of_view_rad = 2 * camera.lens.half_view_rad
     unplaced = _frozen(frames, yaws_rad, names)
     yaws_rad = _believable(views, yaws_rad, unplaced, field_of_view_rad)
     compared: dict[tuple[int, int], Comparison] = {}
@@ -111,17 +139,19 @@ def _place(
         outliers = _find_outliers(pairs, compared)
         if not outliers:
             links = {pair: shift for pair in pairs if (shift := compared[pair].shift) is not None}
-            return _solve(left, ring, links, unplaced, views, lens)
+            return _solve(left, ring, links, unplaced, views, given, may_be_beside=way.width == _COARSE_WIDTH)
         unplaced |= {number: _reason(number, outliers[number], views, yaws_rad, names) for number in sorted(outliers)}
-    return FramePlacement(lens, {}, {}, unplaced, None, {})
+    return FramePlacement(camera, {}, {}, unplaced, None, {})
 
 
 class _ComparedFrame:
     """A frame for comparisons; features and gradients are computed lazily."""
 
-    def __init__(self, frame: Image, lens: CameraLens) -> None:
-        small = scaled_down(frame, _COMPARED_WIDTH)
-        self.patch: Final = patch_of(small, lens.scaled(small.shape[1], small.shape[0]))
+    def __init__(self, frame: Image, way: _CompareBy, yaw_rad: float) -> None:
+        small = scaled_down(frame, way.width)
+        self.camera: Final = way.camera._replace(lens=way.camera.lens.scaled(small.shape[1], small.shape[0]))
+        self.yaw_rad: Final = yaw_rad
+        self.patch: Final = patch_of(small, self.camera, yaw_rad)
         self.is_blank: Final = float(self.patch.grey[self.patch.reaches].std()) <= _BLANK
         self._features: Features | None = None
         self._gradients: Gradients | None = None
@@ -254,19 +284,27 @@ def _solve(
     links: Links,
     unplaced: Mapping[int, str],
     views: Mapping[int, _ComparedFrame],
-    lens: CameraLens,
+    given: CameraLens,
+    *,
+    may_be_beside: bool,
 ) -> FramePlacement:
-    px_per_rad = next(iter(views.values())).patch.px_per_rad
-    compared = lens.scaled(
-        round(lens.width * px_per_rad / lens.focal_px), round(lens.height * px_per_rad / lens.focal_px)
+    compared = next(iter(views.values())).camera
+    found, places = adjust_bundle(
+        given.scaled(compared.lens.width, compared.lens.height),
+        compared,
+        yaws_rad,
+        {number: view.yaw_rad for number, view in views.items()},
+        ring,
+        links,
+        may_be_beside=may_be_beside,
     )
-    found, places = adjust_bundle(compared, yaws_rad, ring, links)
     sources: dict[int, PlacedBy] = dict.fromkeys(sorted(yaws_rad), "odometry only")
     for method in ("gradients", "features"):
         sources |= {number: shift.how for pair, shift in links.items() if shift.how == method for number in pair}
     patches = {number: views[number].patch for number in sources}
-    lens = found.scaled(lens.width, lens.height)
-    return FramePlacement(lens, places, sources, unplaced, closing_error_rad(ring, links, px_per_rad), patches)
+    camera = found._replace(lens=found.lens.scaled(given.width, given.height))
+    closing_rad = closing_error_rad(ring, links, compared.lens.focal_px)
+    return FramePlacement(camera, places, sources, unplaced, closing_rad, patches)
 
 
 def gains_of(placing: FramePlacement) -> dict[int, float]:

@@ -22,6 +22,7 @@ from eal_actors.lab.panorama.blending import (
     owners_of,
 )
 from eal_actors.lab.panorama.cylinder import CameraLens, Image, PlacedBy
+from eal_actors.lab.panorama.parallax import Parallax
 from eal_actors.lab.panorama.placement import FramePlacement, gains_of, place_frames
 from eal_actors.lab.panorama.ring import Ring, ring_of
 
@@ -50,6 +51,7 @@ class Panorama:
         unplaced: why the other frames were not placed, by number.
         gains: brightness gain of each placed frame.
         lens: the camera's lens, as the frames determine it.
+        parallax: its position beside the axis of rotation, as the frames determine it.
         closing_error_rad: sum of the turns by pictures minus a full turn, before its distribution round the ring; a
             large value means a wrong field of view. None if unknown, for example for an open ring.
     """
@@ -65,6 +67,7 @@ class Panorama:
     unplaced: Mapping[int, str]
     gains: Mapping[int, float]
     lens: CameraLens
+    parallax: Parallax
     closing_error_rad: float | None
 
 
@@ -172,9 +175,9 @@ def _check_steps(yaws_rad: Mapping[int, float], field_of_view_rad: float) -> Non
 def _render(
     frames: Mapping[int, Image], placement: FramePlacement, unplaced: Mapping[int, str], count: int
 ) -> Panorama:
-    gains, lens = gains_of(placement), placement.lens
+    gains, lens = gains_of(placement), placement.camera.lens
     views = {
-        number: PlacedFrame(frames[number], lens, attitude, gains[number])
+        number: PlacedFrame(frames[number], placement.camera, attitude, gains[number])
         for number, attitude in placement.places.items()
     }
     yaws_rad = {number: attitude.yaw_rad for number, attitude in placement.places.items()}
@@ -192,6 +195,7 @@ def _render(
         unplaced=unplaced,
         gains=gains,
         lens=lens,
+        parallax=placement.camera.parallax,
         closing_error_rad=placement.closing_error_rad,
     )
 

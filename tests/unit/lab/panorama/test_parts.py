@@ -8,13 +8,16 @@ import numpy as np
 import pytest
 
 from eal_actors.lab.panorama.adjustment import adjust_bundle
-from eal_actors.lab.panorama.cylinder import Attitude, CameraLens, Shift, patch_of, project_frame
+from eal_actors.lab.panorama.cylinder import Attitude, CameraLens, Shift, resampled
 from eal_actors.lab.panorama.features import find_features, shift_by_features
 from eal_actors.lab.panorama.gradients import compare_gradients, gradients_of
+from eal_actors.lab.panorama.parallax import KNOTS, Parallax, TurnedCamera, knot_weights
+from eal_actors.lab.panorama.patches import patch_of
 from eal_actors.lab.panorama.ring import closing_error_rad, ring_of
 from tests.unit.lab.panorama.turning import VIEW_RAD, shots
 
 LENS = CameraLens(320, 240, VIEW_RAD)
+CAMERA = TurnedCamera(LENS, Parallax.none())
 
 
 def degrees(*values: float) -> dict[int, float]:
@@ -35,14 +38,15 @@ def test_a_point_is_unrolled_to_its_bearing_and_height() -> None:
     bearing_rad = math.atan2(82, lens.focal_px)
     right_rad = np.arange(-0.5, 0.5, 0.001)
     down_px = np.arange(0, 100.0)
-    image, _ = project_frame(frame, lens, right_rad, down_px / lens.focal_px)
+    x, y, _ = lens.pixels(right_rad, (down_px / lens.focal_px)[:, np.newaxis])
+    image = resampled(frame, x, y)
     rows, columns = np.nonzero(image[..., 0] > 127)
     assert right_rad[columns].mean() == pytest.approx(bearing_rad, abs=0.002)
     assert down_px[rows].mean() == pytest.approx(52 * math.cos(bearing_rad), abs=0.6)
 
 
 def test_a_patch_tells_where_its_frame_reaches() -> None:
-    patch = patch_of(np.full((240, 320, 3), 9, np.uint8), LENS)
+    patch = patch_of(np.full((240, 320, 3), 9, np.uint8), CAMERA, 0.0)
     middle = patch.reaches.shape[1] // 2
     assert patch.reaches[:, middle].all()
     assert patch.reaches[:, 0].mean() == pytest.approx(math.cos(VIEW_RAD / 2), abs=0.02)
@@ -51,7 +55,7 @@ def test_a_patch_tells_where_its_frame_reaches() -> None:
 def test_features_and_gradients_find_the_turn_between_two_frames() -> None:
     turn_rad = math.radians(41.3)
     focal_px = LENS.focal_px
-    one, two = (patch_of(frame, LENS) for frame in shots([0.0, -turn_rad]))
+    one, two = (patch_of(frame, CAMERA, 0.0) for frame in shots([0.0, -turn_rad]))
     expected_px = math.radians(45) * focal_px
     by_features = shift_by_features(find_features(one), find_features(two), expected_px, focal_px)
     by_gradients = compare_gradients(gradients_of(one), gradients_of(two), expected_px, focal_px)
@@ -64,7 +68,7 @@ def test_features_and_gradients_find_the_turn_between_two_frames() -> None:
 
 def test_what_odometry_rules_out_is_not_found() -> None:
     focal_px = LENS.focal_px
-    one, two = (patch_of(frame, LENS) for frame in shots([0.0, -math.radians(30)]))
+    one, two = (patch_of(frame, CAMERA, 0.0) for frame in shots([0.0, -math.radians(30)]))
     expected_px = math.radians(43) * focal_px
     assert shift_by_features(find_features(one), find_features(two), expected_px, focal_px) is None
     assert compare_gradients(gradients_of(one), gradients_of(two), expected_px, focal_px).shift is None
@@ -75,7 +79,7 @@ def test_a_pattern_that_repeats_is_not_believed(period_px: int) -> None:
     stripes = np.full((240, 320, 3), 80, np.uint8)
     stripes[:, np.arange(320) % period_px < period_px // 2] = 170
     lens = CameraLens(320, 240, math.radians(20))
-    patch = patch_of(stripes, lens)
+    patch = patch_of(stripes, TurnedCamera(lens, Parallax.none()), 0.0)
     found = compare_gradients(gradients_of(patch), gradients_of(patch), 90.0, lens.focal_px)
     assert found.shift is None
     assert not found.contradicts
@@ -118,7 +122,8 @@ def test_turns_that_do_not_add_up_to_a_full_one_change_the_field_of_view() -> No
     error_rad = closing_error_rad(ring, links, LENS.focal_px)
     assert error_rad is not None
     assert math.degrees(error_rad) == pytest.approx(4)
-    lens, places = adjust_bundle(LENS, yaws_rad, ring, links)
+    (lens, parallax), places = adjust_bundle(LENS, CAMERA, yaws_rad, yaws_rad, ring, links)
+    assert not parallax.is_some
     assert lens.field_of_view_rad < VIEW_RAD
     assert [places[number].yaw_rad for number in range(8)] == pytest.approx([yaws_rad[n] for n in range(8)], abs=1e-4)
 
@@ -127,8 +132,36 @@ def test_a_turn_without_a_picture_takes_what_the_others_leave() -> None:
     yaws_rad = degrees(*range(0, -360, -45))
     ring = ring_of(yaws_rad, VIEW_RAD)
     links = {(number, number + 1): turned_by(44.9) for number in range(7)}
-    lens, places = adjust_bundle(LENS, yaws_rad, ring, links)
+    (lens, parallax), places = adjust_bundle(LENS, CAMERA, yaws_rad, yaws_rad, ring, links)
+    assert not parallax.is_some
     turns_rad = [places[number].yaw_rad - places[number + 1].yaw_rad for number in range(7)]
     assert max(turns_rad) - min(turns_rad) == pytest.approx(0, abs=1e-3)
     assert lens.field_of_view_rad == pytest.approx(VIEW_RAD, abs=math.radians(0.5))
     assert sum(places[number].yaw_rad - yaws_rad[number] for number in range(8)) == pytest.approx(0, abs=1e-3)
+
+
+def test_what_the_camera_sees_beside_the_axis_is_brought_to_the_axis_and_back() -> None:
+    parallax = Parallax(0.25, -0.15, np.linspace(0.05, 0.2, KNOTS))
+    yaws_rad, down = np.linspace(0.1, 0.9, 9), np.linspace(-0.3, 0.4, 9)
+    seen = parallax.seen_from_camera(0.5 - yaws_rad, down, yaws_rad)
+    right_rad, found_down = parallax.seen_from_axis(*seen, knot_weights(yaws_rad) @ parallax.nearness)
+    assert 0.5 - right_rad == pytest.approx(yaws_rad, abs=1e-9)
+    assert found_down == pytest.approx(down, abs=1e-9)
+
+
+@pytest.mark.parametrize(("ahead", "left"), [(0.25, 0.0), (0.0, 0.25), (0.0, -0.25)])
+def test_a_camera_beside_the_axis_is_found_by_walls_and_floor(ahead: float, left: float) -> None:
+    true = TurnedCamera(LENS, Parallax(ahead, left, 0.12 + 0.03 * np.sin(np.arange(KNOTS) * math.tau / KNOTS)))
+    yaws_rad = degrees(*range(0, -360, -45))
+    x_rad, down = (grid.ravel() for grid in np.meshgrid(np.radians([-6, -3, 0, 3, 6]), np.linspace(-0.3, 0.3, 9)))
+    halves_rad, links = math.radians(22.5), {}
+    for number in range(8):
+        directions_rad = yaws_rad[number] - halves_rad - x_rad
+        first, second = (
+            true.parallax.seen_from_camera(x_rad + side * halves_rad, down, directions_rad) for side in (1, -1)
+        )
+        ends_px = np.column_stack(first) * LENS.focal_px, np.column_stack(second) * LENS.focal_px
+        links[number, (number + 1) % 8] = Shift(math.radians(45) * LENS.focal_px, *ends_px, "features", 0.2)
+    (lens, found), _ = adjust_bundle(LENS, CAMERA, yaws_rad, yaws_rad, ring_of(yaws_rad, VIEW_RAD), links)
+    assert (found.ahead, found.left) == pytest.approx((ahead, left), abs=0.02)
+    assert lens.field_of_view_rad == pytest.approx(VIEW_RAD, abs=math.radians(0.3))

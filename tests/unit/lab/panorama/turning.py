@@ -44,6 +44,22 @@ def shots(
     return [render(scene or lab(), [], Eye(*PLACE_M, yaw_rad, lens)) for yaw_rad in yaws_rad]
 
 
+def shots_beside(yaws_rad: Sequence[float], ahead_m: float, left_m: float, width: int = 320) -> list[Image]:
+    """Return what a camera beside the axis of rotation sees at each yaw."""
+    lens, (x_m, y_m, z_m) = PinholeLens(width, width * 3 // 4, math.degrees(VIEW_RAD)), PLACE_M
+    eyes = (
+        Eye(
+            x_m + ahead_m * math.cos(yaw_rad) - left_m * math.sin(yaw_rad),
+            y_m + ahead_m * math.sin(yaw_rad) + left_m * math.cos(yaw_rad),
+            z_m,
+            yaw_rad,
+            lens,
+        )
+        for yaw_rad in yaws_rad
+    )
+    return [render(lab(), [], eye) for eye in eyes]
+
+
 def steps(number: int = 8, step_rad: float = STEP_RAD) -> list[float]:
     """Return the yaws of a robot that turns right."""
     return [-step * step_rad for step in range(number)]

@@ -1,0 +1,108 @@
+"""Parallax: what a camera beside the axis of rotation sees, as it looks from the axis itself.
+
+How far a thing is shifted depends on its distance, which frames show only where they overlap. So the surroundings are a
+level floor and upright walls, whose distance changes gradually from one overlap to the next. Lengths are in heights of
+the camera above the floor: pictures alone determine no metres.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from eal_actors.lab.panorama.cylinder import Attitude, CameraLens, Floats, Mask
+
+KNOTS: Final = 24
+"""Number of directions in which the distance of the walls is estimated."""
+USUAL_NEARNESS: Final = 0.12
+"""Of walls at 2.5 m, for a camera at 0.3 m."""
+
+
+def knot_weights(yaws_rad: Any) -> Floats:
+    """Return the share of each knot in the value at yaws (n,), by linear interpolation round the ring, (n, KNOTS)."""
+    places = np.mod(np.asarray(yaws_rad), 2 * math.pi) * KNOTS / (2 * math.pi)
+    before, rows = places.astype(int) % KNOTS, np.arange(len(places))
+    weights = np.zeros((len(places), KNOTS))
+    weights[rows, before] = 1 - places % 1
+    weights[rows, (before + 1) % KNOTS] = places % 1
+    return weights
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Parallax:
+    """The position of a camera, and the walls round it.
+
+    Attributes:
+        ahead: distance of the camera ahead of the axis, in camera heights.
+        left: distance to the left of the axis, in camera heights.
+        nearness: inverse distance of the walls from the axis, from yaw 0 counter-clockwise, (KNOTS,).
+    """
+
+    ahead: float
+    left: float
+    nearness: Floats
+
+    @classmethod
+    def none(cls) -> Parallax:
+        """Return that of a camera on the axis."""
+        return cls(0.0, 0.0, np.full(KNOTS, USUAL_NEARNESS))
+
+    @property
+    def is_some(self) -> bool:
+        """Whether the camera is beside the axis."""
+        return bool(self.ahead or self.left)
+
+    def seen_from_axis(self, right_rad: Floats, down: Floats, nearness: Floats) -> tuple[Floats, Floats]:
+        """Return the directions from the axis in which things are that the camera sees in some directions.
+
+        Args:
+            right_rad: angles to the right of the camera's yaw.
+            down: tangents of the depression.
+            nearness: of the wall in each of these directions.
+        """
+        forward, aside = np.cos(right_rad), -np.sin(right_rad)
+        along = nearness * (self.ahead * forward + self.left * aside)
+        reach = np.sqrt(np.maximum(along**2 - nearness**2 * (self.ahead**2 + self.left**2) + 1, 0.25)) - along
+        near = np.maximum(nearness / reach, down)
+        forward, aside = forward + near * self.ahead, aside + near * self.left
+        return -np.arctan2(aside, forward), down / np.hypot(forward, aside)
+
+    def seen_from_camera(self, right_rad: Floats, down: Floats, yaws_rad: Floats) -> tuple[Floats, Floats]:
+        """Return the directions from the camera of things in directions from the axis: the inverse of `seen_from_axis`.
+
+        Args:
+            right_rad: angles to the right of the camera's yaw, (n,).
+            down: tangents of the depression, (n,) or (m, 1).
+            yaws_rad: the same directions as `right_rad`, as yaws.
+        """
+        if not self.is_some:
+            return right_rad, down
+        near = np.maximum(knot_weights(yaws_rad) @ self.nearness, down)
+        forward, aside = np.cos(right_rad) - near * self.ahead, -np.sin(right_rad) - near * self.left
+        return -np.arctan2(aside, forward), down / np.hypot(forward, aside)
+
+
+class TurnedCamera(NamedTuple):
+    """A camera on a robot that turns in place.
+
+    Attributes:
+        lens: of the camera.
+        parallax: its position, and the surroundings.
+    """
+
+    lens: CameraLens
+    parallax: Parallax
+
+    def pixels(self, right_rad: Floats, down: Floats, attitude: Attitude) -> tuple[Floats, Floats, Mask]:
+        """Return the pixels of directions from the axis, as `CameraLens.pixels` does.
+
+        Args:
+            right_rad: angles to the right of the camera's yaw, (n,), less than a quarter turn.
+            down: tangents of the depression, (n,) or (m, 1).
+            attitude: of the camera.
+        """
+        seen = self.parallax.seen_from_camera(right_rad, down, attitude.yaw_rad - right_rad)
+        return self.lens.pixels(*seen, attitude)
