@@ -62,7 +62,7 @@ def folder(pytester: pytest.Pytester) -> Path:
 def run(pytester: pytest.Pytester, *arguments: str) -> pytest.RunResult:
     is_installed = any(point.value == PLUGIN for point in entry_points(group="pytest11"))
     named = [] if is_installed else ["-p", PLUGIN]
-    without = ("-p", "no:cacheprovider", "-p", "no:hypothesispytest")  # which costs most of a short session
+    without = ("-p", "no:cacheprovider", "-p", "no:hypothesispytest", "-p", "no:rerunfailures")  # or threads stay
     options = [*without, "-W", "error", f"--basetemp={pytester.path / 'kept'}"]
     return pytester.runpytest_inprocess(*options, *named, *arguments)
 
