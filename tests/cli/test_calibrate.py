@@ -119,4 +119,4 @@ def test_a_robot_that_meets_a_wall_is_stopped_and_told(eal: Program, write: Writ
     lab = write("lab.yaml", FLEET.replace("seed: 3", "seed: 3\nworld: hall.yaml").replace("x_m: -1", "x_m: 0"))
     result = eal("calibrate", "--fleet", lab, "--robot", "rob", "--fast", "--write")
     assert result.exit_code == 1
-    assert "rob: touches something after side 1 of a square cw: clear the floor" in result.output
+    assert "rob: touches something on side 1 of a square cw: clear the floor" in result.output

@@ -11,7 +11,7 @@ from typing_extensions import override
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
 from eal_actors.device.data import EALData
 from eal_actors.device.differential_base import WheelCalibration
-from eal_actors.kernel.errors import ResourceFaultError, UnsupportedError
+from eal_actors.kernel.errors import BlockedError, UnsupportedError
 from eal_actors.lab.calibration.square import LEGS, START, WAYS, Point, Pose, SquareEnds, Way, seen_from
 
 BASE: Final = "Base"
@@ -76,7 +76,7 @@ def drive_squares(
         on_end: called with each end, in metres.
 
     Raises:
-        ResourceFaultError: the robot touches something.
+        BlockedError: the robot touches something.
         EALError: a call failed; the base is halted in every case.
 
     Thread: blocks the caller.
@@ -101,9 +101,13 @@ def _drive_square(robot: RobotHandle, base: ResourceHandle, side_m: float, way: 
     if odometry is not None:
         odometry.set_value(list(START)).get()
     for leg in range(1, LEGS + 1):
-        base.send_cmd(f"f{side_m:g}", timeout_s=_TURN_S + side_m / _SLOWEST_M_S).get()
-        if _BUMP in robot and robot[_BUMP].get_value().get().value:
-            error = ResourceFaultError(f"touches something after side {leg} of a square {way}: clear the floor")
+        try:
+            base.send_cmd(f"f{side_m:g}", timeout_s=_TURN_S + side_m / _SLOWEST_M_S).get()
+            is_blocked = _BUMP in robot and bool(robot[_BUMP].get_value().get().value)
+        except BlockedError:
+            is_blocked = True
+        if is_blocked:
+            error = BlockedError(f"touches something on side {leg} of a square {way}: clear the floor")
             raise error.at(robot.name)
         base.send_cmd(_QUARTERS[way], timeout_s=_TURN_S).get()
     return START if odometry is None else _pose_of(odometry)
