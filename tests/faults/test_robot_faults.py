@@ -85,7 +85,9 @@ def works_again(fleet: Fleet, folder: Path, robot: Emulated[Any], name: str = "h
     assert fleet[name].restarts == {}
 
 
-@pytest.mark.parametrize("make", MAKES)
+@pytest.mark.parametrize(
+    "make", [pytest.param("evbot2", marks=pytest.mark.slow), pytest.param("evbot3", marks=pytest.mark.slow), "roomba"]
+)
 def test_a_port_that_closes_in_the_middle_of_a_frame(make: str, tmp_path: Path) -> None:
     with plugged_in(MAKES[make]()) as robot, fleet_of(hero=plugin_of(make, robot.address)) as fleet:
         robot.strike_after(0.03, robot.cut)
@@ -104,7 +106,9 @@ def test_a_port_that_closes_in_the_middle_of_a_frame(make: str, tmp_path: Path) 
         works_again(fleet, tmp_path, robot)
 
 
-@pytest.mark.parametrize("make", MAKES)
+@pytest.mark.parametrize(
+    "make", ["evbot2", pytest.param("evbot3", marks=pytest.mark.slow), pytest.param("roomba", marks=pytest.mark.slow)]
+)
 def test_a_device_that_is_unplugged_and_plugged_in_while_a_scenario_tries_again(make: str, tmp_path: Path) -> None:
     with plugged_in(MAKES[make]()) as robot, fleet_of(hero=plugin_of(make, robot.address)) as fleet:
         stood: list[bool] = []
@@ -138,7 +142,7 @@ def test_a_device_that_is_unplugged_and_plugged_in_while_a_scenario_tries_again(
         assert fleet["hero"].restarts == {}
 
 
-@pytest.mark.parametrize(("make", "off_m"), [("evbot3", 0.005), ("roomba", 0.03)])
+@pytest.mark.parametrize(("make", "off_m"), [("evbot3", 0.005), pytest.param("roomba", 0.03, marks=pytest.mark.slow)])
 def test_a_radio_that_loses_three_packets_of_ten(make: str, off_m: float, tmp_path: Path) -> None:
     rate = {"evbot3": 1.0, "roomba": SLOW}[make]
     robot: Emulated[Any] = an_evbot3(0.3, 5) if make == "evbot3" else a_roomba(0.3, 5, 5, rate)
@@ -151,7 +155,7 @@ def test_a_radio_that_loses_three_packets_of_ten(make: str, off_m: float, tmp_pa
         assert robot.body.pose[:2] == pytest.approx((0.0933, 0.025), abs=off_m)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_a_radio_that_never_sends_again_what_it_lost_fails_by_name_if_at_all(seed: int, tmp_path: Path) -> None:
     with plugged_in(a_roomba(loss=0.3, seed=seed)) as robot, fleet_of(hero=plugin_of("roomba", robot.address)) as fleet:
         running = start(
@@ -163,7 +167,9 @@ def test_a_radio_that_never_sends_again_what_it_lost_fails_by_name_if_at_all(see
         assert robot.stands()
 
 
-@pytest.mark.parametrize("make", MAKES)
+@pytest.mark.parametrize(
+    "make", [pytest.param("evbot2", marks=pytest.mark.slow), "evbot3", pytest.param("roomba", marks=pytest.mark.slow)]
+)
 def test_a_robot_that_freezes_fails_alone_and_stands_when_it_thaws(make: str, tmp_path: Path) -> None:
     with (
         plugged_in(MAKES[make]()) as robot,
@@ -225,6 +231,7 @@ def test_a_program_that_is_stopped_by_a_signal_and_goes_on(tmp_path: Path) -> No
     assert pose[:2] == pytest.approx(list(believed[:2]), abs=0.005)
 
 
+@pytest.mark.slow
 def test_a_battery_that_runs_low_ends_the_drive(tmp_path: Path) -> None:
     with plugged_in(a_roomba(rate=SLOW)) as robot, fleet_of(SLOW, hero=plugin_of("roomba", robot.address)) as fleet:
         robot.strike_after(0.05, lambda: setattr(robot.body, "charge", ConstantBattery(charge_ah=0.27)))
@@ -272,6 +279,7 @@ def test_a_cliff_in_a_curve(tmp_path: Path) -> None:
         works_again(fleet, tmp_path, robot)
 
 
+@pytest.mark.slow
 def test_a_cliff_beside_a_turn_in_place_forbids_the_way_forward(tmp_path: Path) -> None:
     with plugged_in(a_roomba(rate=SLOW)) as robot, fleet_of(SLOW, hero=plugin_of("roomba", robot.address)) as fleet:
         robot.strike_after(0.02, lambda: over_a_cliff(robot))
@@ -287,6 +295,7 @@ def test_a_cliff_beside_a_turn_in_place_forbids_the_way_forward(tmp_path: Path) 
         )
 
 
+@pytest.mark.slow
 def test_a_wheel_that_drops_in_a_turn(tmp_path: Path) -> None:
     with plugged_in(a_roomba(rate=SLOW)) as robot, fleet_of(SLOW, hero=plugin_of("roomba", robot.address)) as fleet:
         robot.strike_after(0.02, lambda: setattr(robot.body, "dropped", (True, False, False)))

@@ -128,6 +128,7 @@ def test_a_thousand_connections(rig: Rig) -> None:
     assert len(rig.notes("halt")) <= 2  # of the end: no dead-man's switch, no restart
 
 
+@pytest.mark.slow
 def test_senders_that_take_their_time(rig: Rig) -> None:
     """A greeting, byte by byte, and lengths that are never filled."""
     hello, numbers, clock = greeting(), iter(range(1, 100)), SystemClock()

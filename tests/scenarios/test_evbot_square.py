@@ -59,6 +59,7 @@ def fleet_of(robots: Mapping[str, Mapping[str, Any]]) -> Iterator[Fleet]:
         yield fleet
 
 
+@pytest.mark.slow
 def test_the_shipped_scenario_drives_both_over_real_wires_and_they_end_where_they_began() -> None:
     with ExitStack() as stack:
         path, tracked, _ = stack.enter_context(evbot2_on_a_pty(rate=RATE))

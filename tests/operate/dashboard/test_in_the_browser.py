@@ -117,6 +117,7 @@ def poses_after(fleet: Fleet, robot: str, start_s: float) -> set[tuple[float, ..
     return places
 
 
+@pytest.mark.slow
 def test_a_camera_that_freezes_is_marked(open_page: OpenPage) -> None:
     with (
         Fleet.load(SIM).connect(["roomba-1"]) as fleet,

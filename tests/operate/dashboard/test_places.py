@@ -165,6 +165,7 @@ def read_to_the_end(end: socket.socket) -> None:
             pass
 
 
+@pytest.mark.slow
 def test_strangers_who_watch_give_way_to_an_operator(tmp_path: Path) -> None:
     with (
         counting_fleet(tmp_path, "one").connect() as fleet,

@@ -36,6 +36,7 @@ def fleet_of(folder: Path, count: int = 1, **settings: Any) -> Fleet:
     return Fleet.load(file)
 
 
+@pytest.mark.slow
 def test_a_viewer_receives_a_hundred_robots_at_twenty_hertz(tmp_path: Path) -> None:
     """Each robot has a transform each 0.05 s, or fewer on a loaded machine; none comes twice."""
     with fleet_of(tmp_path, 100) as fleet, LiveView(fleet, port=0) as view, Viewer(view.url) as viewer:

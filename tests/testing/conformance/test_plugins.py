@@ -115,6 +115,7 @@ def test_it_conforms(folder: Path, settings: dict[str, Any], check: Check, reque
     assert result.outcome != "failed", "\n".join([check.description, *result.problems])
 
 
+@pytest.mark.slow
 def test_the_simulation_leaves_no_check_out() -> None:
     bench = Bench(bundled_path("plugins/sim"), settings_of({"model": "roomba"}))
     assert [check.name for check in CHECKS if run_check(check, bench).outcome == "skipped"] == [
