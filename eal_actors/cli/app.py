@@ -30,6 +30,7 @@ _COMMANDS: Final = {
     "branch": "branch:branch_run",
     "bisect": "branch:bisect_run",
     "replay": "records:replay_run",
+    "record": "record:record_fleet",
     "records": "records_repair:app",
     "check": "check:check_files",
     "show": "show:show_scenario",

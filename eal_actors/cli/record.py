@@ -1,0 +1,57 @@
+"""`eal record`: record a fleet that others command."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from eal_actors.cli.fleets import in_real_time, read_fleet, require_modules
+from eal_actors.cli.interrupts import handle_signals
+from eal_actors.cli.options import FleetOption, completed_robots
+from eal_actors.cli.output import counted, print_line, stdout
+from eal_actors.cli.run_options import RunsDirOption
+from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.clock import new_waiter
+from eal_actors.recording import Extent, LiveRecord, RunFolder, draw_run, new_run_folder
+
+
+def record_fleet(
+    fleet: FleetOption,
+    robots: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[ROBOT...]", show_default=False, help="Only these robots.", autocompletion=completed_robots
+        ),
+    ] = None,
+    record: Annotated[
+        Extent, typer.Option(help="Content of run.mcap: poses; poses and sensor values; or camera frames as well.")
+    ] = "sensors",
+    duration_s: Annotated[
+        float | None, typer.Option("--duration-s", min=0.1, show_default="until Ctrl-C", help="Seconds to record.")
+    ] = None,
+    runs_dir: RunsDirOption = Path("runs"),
+) -> None:
+    """Record the robots of a fleet while others command them, until Ctrl-C; nothing is commanded or halted.
+
+    The folder is that of a run: `eal replay`, `eal report` and Foxglove open it. It also has the robots' losses.
+    """
+    handle_signals()
+    config = in_real_time(read_fleet(fleet, robots or []))
+    require_modules(config, config.robots)
+    out = stdout()
+    with Fleet(config).connect() as opened:
+        directory = new_run_folder(runs_dir, "record")
+        with LiveRecord(opened, directory, record):
+            end = "Ctrl-C ends it" if duration_s is None else f"for {duration_s:g} s"
+            print_line(out, f"recording {counted(len(opened), 'robot')} to {directory}: {end}")
+            try:
+                opened.clock.wait(new_waiter(), opened.clock.of_real(duration_s) if duration_s is not None else None)
+            except KeyboardInterrupt:
+                print_line(out, "ending the record", "dim")
+        run = RunFolder.open(directory)
+        if run.summary is not None and run.paths:
+            draw_run(run, run.summary, config.world)
+    print_line(out, f"run: {directory}")
+    print_line(out, f"next: eal replay {directory}", "dim")

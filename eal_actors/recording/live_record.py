@@ -1,0 +1,156 @@
+"""LiveRecord: the record of a fleet that others command. It is the folder of a run that has one step: to wait."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+from typing import Final, Self
+
+from eal_actors.actors.robot_view import RobotState
+from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.clock import wall_time
+from eal_actors.kernel.errors import UnavailableError
+from eal_actors.recording.provenance import SCENARIO, keep_provenance
+from eal_actors.recording.run_folder import folder_errors
+from eal_actors.recording.run_recorder import Extent, RunRecorder
+from eal_actors.scenario import (
+    ErrorReport,
+    Listener,
+    LossReport,
+    Report,
+    RobotLost,
+    RobotReport,
+    RobotReturned,
+    RunEnded,
+    RunEvent,
+    RunStarted,
+    Scenario,
+    parse_scenario,
+)
+from eal_actors.scenario.language.scenario import scenario_hash
+from eal_actors.scenario.report.journal import Journal
+
+NAME: Final = "record"
+_ROLE: Final = "robots"
+_SCENARIO: Final = """\
+# Written by `eal record`, which commands nothing.
+version: 1
+name: {name}
+description: Wait for as long as the fleet was recorded.
+roles: {{{role}: {{}}}}
+steps: [{{on: {role}, do: [{{wait_s: {duration_s:.3f}}}]}}]
+"""
+
+
+class LiveRecord:
+    """Records an open fleet inside its `with` block; it commands nothing and halts nothing.
+
+    Args:
+        fleet: the connected fleet, on a clock in real time.
+        directory: the folder, which must exist.
+        extent: the extent of the samples.
+        listeners: called with each event, in the thread of a robot; they must not block.
+
+    Raises:
+        ScenarioError: the folder cannot be written, or has a record already.
+    """
+
+    def __init__(
+        self, fleet: Fleet, directory: Path, extent: Extent = "sensors", listeners: Sequence[Listener] = ()
+    ) -> None:
+        self._fleet = fleet
+        self._directory = directory
+        self._wall_started = wall_time().isoformat()
+        self._lock = threading.Lock()
+        self._losses: dict[str, list[LossReport]] = {name: [] for name in fleet}
+        self._observers = ExitStack()
+        with folder_errors(directory):
+            keep_provenance(directory, fleet.config, _scenario(1.0))
+            self._recorder = RunRecorder(fleet, fleet, directory, extent)
+        self._journal = Journal(directory, [self._recorder.hear, *listeners])
+        self._zero_s = fleet.clock.now()
+
+    def __enter__(self) -> Self:
+        self._recorder.__enter__()
+        self._zero_s = self._fleet.clock.now()
+        config, scenario = self._fleet.config, _scenario(1.0)
+        self._write(
+            lambda time_s: RunStarted(
+                time_s,
+                scenario=NAME,
+                scenario_file=SCENARIO,
+                scenario_hash=scenario_hash(scenario),
+                fleet=config.name,
+                fleet_file=str(config.source),
+                seed=config.seed,
+                rate=config.rate,
+                parameters={},
+                roles={_ROLE: tuple(self._fleet)},
+                spares={},
+                robots=tuple(self._fleet),
+                calls=0,
+            )
+        )
+        for robot in self._fleet.values():
+            self._observers.callback(robot.on_state(partial(self._note, robot.name)))
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._observers.close()
+        report = self._report(self._fleet.clock.now() - self._zero_s)
+        with folder_errors(self._directory):
+            self._write(lambda time_s: RunEnded(time_s, report))
+            text = "\n".join(_scenario(report.duration_s).lines)
+            (self._directory / SCENARIO).write_text(text, encoding="utf-8")
+            self._journal.write_summary(report)
+        self._journal.close()
+        self._recorder.__exit__(kind, error, traceback)
+
+    def _note(self, name: str, state: RobotState) -> None:
+        """Record the loss and the return of a robot. Thread: the robot's."""
+        losses = self._losses[name]
+        is_lost = bool(losses) and losses[-1].back_s is None
+        if state is RobotState.LOST and not is_lost:
+            problems = self._fleet[name].problems
+            error = ErrorReport.of(problems[-1] if problems else UnavailableError("is out of reach", robot=name))
+            losses.append(LossReport(lost_s=self._write(lambda time_s: RobotLost(time_s, name, error))))
+        elif state is RobotState.READY and is_lost:
+            back_s = self._write(lambda time_s: RobotReturned(time_s, name))
+            losses[-1] = losses[-1].model_copy(update={"back_s": back_s})
+
+    def _write(self, make_event: Callable[[float], RunEvent]) -> float:
+        """Record an event; return the seconds since the start."""
+        with self._lock:
+            time_s = self._fleet.clock.now() - self._zero_s
+            self._journal.write(make_event(time_s))
+            return time_s
+
+    def _report(self, duration_s: float) -> Report:
+        config = self._fleet.config
+        return Report(
+            scenario=NAME,
+            scenario_file=SCENARIO,
+            fleet=config.name,
+            fleet_file=str(config.source),
+            seed=config.seed,
+            rate=config.rate,
+            parameters={},
+            roles={_ROLE: list(self._fleet)},
+            wall_started=self._wall_started,
+            duration_s=duration_s,
+            paused_s=0.0,
+            outcome="done",
+            error=None,
+            robots={name: RobotReport(outcome="done", losses=tuple(losses)) for name, losses in self._losses.items()},
+            steps=(),
+        )
+
+
+def _scenario(duration_s: float) -> Scenario:
+    return parse_scenario(_SCENARIO.format(name=NAME, role=_ROLE, duration_s=duration_s), SCENARIO)

@@ -1,0 +1,36 @@
+"""`eal record`: the folder is that of a run, for every command that reads one."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.cli.conftest import Program
+
+
+@pytest.mark.parametrize("extent", ["poses", pytest.param("all", marks=pytest.mark.slow)])
+def test_the_record_is_one_of_a_run(eal: Program, tmp_path: Path, extent: str) -> None:
+    said = eal(
+        *("record", "--fleet", "sim", "roomba-1", "--duration-s", 0.3, "--record", extent, "--runs-dir", tmp_path)
+    )
+    assert said.exit_code == 0, said.output
+    (run,) = tmp_path.iterdir()
+    lines = said.stdout.splitlines()
+    assert lines[0] == f"recording 1 robot to {run}: for 0.3 s"
+    assert lines[-1] == f"next: eal replay {run}"
+    files = {file.name for file in run.iterdir()}
+    assert files >= {"events.jsonl", "summary.json", "trajectory.csv", "trajectory.png", "run.mcap"}
+    for command in ("report", "replay"):
+        assert eal(command, run).exit_code == 0
+    options = ("--fleet", run / "replay.yaml", "--rate", "max", "--no-plot", "--json", "--runs-dir", tmp_path)
+    summary = json.loads(eal("run", run / "scenario.yaml", *options).stdout)
+    assert (summary["outcome"], list(summary["robots"])) == ("done", ["roomba-1"])
+
+
+def test_a_robot_that_is_not_in_the_fleet_is_refused_before_anything_is_written(eal: Program, tmp_path: Path) -> None:
+    said = eal("record", "--fleet", "sim", "romba-1", "--runs-dir", tmp_path)
+    assert said.exit_code == 2
+    assert "did you mean 'roomba-1'?" in said.output
+    assert list(tmp_path.iterdir()) == []
