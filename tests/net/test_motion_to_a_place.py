@@ -11,7 +11,7 @@ import pytest
 from eal_actors import Fleet, LocalizationError
 from eal_actors.classic import DOUBLE, EALconnect, EALDataInfo_t, EALdisconnect
 from eal_actors.kernel.errors import ArgumentError, PreemptedError
-from tests.net.links import free_port
+from tests.net.links import eventually, free_port
 from tests.net.rig import serving
 
 ROBOT = "evbot3-1"
@@ -53,6 +53,7 @@ def test_it_is_sent_stopped_and_refused_over_the_network(fleet: Fleet) -> None:
     robot.base.follow([(0.3, 0.2), (0.1, 0.2)]).get()
     assert off_m(fleet, 0.1, 0.2) < 0.01
     far = robot.base.go_to(3.0, 0.0)
+    assert eventually(lambda: off_m(fleet, 0.1, 0.2) > 0.01)  # a stop that overtakes it makes it stale
     robot.base.stop().get()
     assert isinstance(far.exception(), PreemptedError)
     assert isinstance(robot.base.follow([]).exception(), ArgumentError)
