@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Final, Self
+from typing import Any, Final, Self
 
 from eal_actors.actors.robot_view import RobotState
 from eal_actors.facade.fleet import Fleet
@@ -69,7 +69,8 @@ class LiveRecord:
         self._losses: dict[str, list[LossReport]] = {name: [] for name in fleet}
         self._observers = ExitStack()
         with folder_errors(directory):
-            keep_provenance(directory, fleet.config, _scenario(1.0))
+            self._scenario_hash = scenario_hash(scenario := _scenario(1.0))
+            keep_provenance(directory, fleet.config, scenario)
             self._recorder = RunRecorder(fleet, fleet, directory, extent)
         self._journal = Journal(directory, [self._recorder.hear, *listeners])
         self._zero_s = fleet.clock.now()
@@ -77,22 +78,15 @@ class LiveRecord:
     def __enter__(self) -> Self:
         self._recorder.__enter__()
         self._zero_s = self._fleet.clock.now()
-        config, scenario = self._fleet.config, _scenario(1.0)
         self._write(
             lambda time_s: RunStarted(
                 time_s,
-                scenario=NAME,
-                scenario_file=SCENARIO,
-                scenario_hash=scenario_hash(scenario),
-                fleet=config.name,
-                fleet_file=str(config.source),
-                seed=config.seed,
-                rate=config.rate,
-                parameters={},
+                scenario_hash=self._scenario_hash,
                 roles={_ROLE: tuple(self._fleet)},
                 spares={},
                 robots=tuple(self._fleet),
                 calls=0,
+                **self._about(),
             )
         )
         for robot in self._fleet.values():
@@ -104,13 +98,15 @@ class LiveRecord:
     ) -> None:
         self._observers.close()
         report = self._report(self._fleet.clock.now() - self._zero_s)
-        with folder_errors(self._directory):
-            self._write(lambda time_s: RunEnded(time_s, report))
-            text = "\n".join(_scenario(report.duration_s).lines)
-            (self._directory / SCENARIO).write_text(text, encoding="utf-8")
-            self._journal.write_summary(report)
-        self._journal.close()
-        self._recorder.__exit__(kind, error, traceback)
+        try:
+            with folder_errors(self._directory):
+                self._write(lambda time_s: RunEnded(time_s, report))
+                text = "\n".join(_scenario(report.duration_s).lines)
+                (self._directory / SCENARIO).write_text(text, encoding="utf-8")
+                self._journal.write_summary(report)
+        finally:
+            self._journal.close()
+            self._recorder.__exit__(kind, error, traceback)
 
     def _note(self, name: str, state: RobotState) -> None:
         """Record the loss and the return of a robot. Thread: the robot's."""
@@ -131,16 +127,21 @@ class LiveRecord:
             self._journal.write(make_event(time_s))
             return time_s
 
-    def _report(self, duration_s: float) -> Report:
+    def _about(self) -> dict[str, Any]:
+        """Return the fields that the first event and the report share."""
         config = self._fleet.config
+        return {
+            "scenario": NAME,
+            "scenario_file": SCENARIO,
+            "fleet": config.name,
+            "fleet_file": str(config.source),
+            "seed": config.seed,
+            "rate": config.rate,
+            "parameters": {},
+        }
+
+    def _report(self, duration_s: float) -> Report:
         return Report(
-            scenario=NAME,
-            scenario_file=SCENARIO,
-            fleet=config.name,
-            fleet_file=str(config.source),
-            seed=config.seed,
-            rate=config.rate,
-            parameters={},
             roles={_ROLE: list(self._fleet)},
             wall_started=self._wall_started,
             duration_s=duration_s,
@@ -149,6 +150,7 @@ class LiveRecord:
             error=None,
             robots={name: RobotReport(outcome="done", losses=tuple(losses)) for name, losses in self._losses.items()},
             steps=(),
+            **self._about(),
         )
 
 

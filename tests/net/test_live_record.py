@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
 import threading
 from pathlib import Path
 
+import pytest
+
 from eal_actors import Fleet
+from eal_actors.kernel.errors import ScenarioError
 from eal_actors.recording import LiveRecord, RunFolder
 from eal_actors.scenario import RobotLost, RobotReturned, RunEvent, load_scenario
 from tests.net.rig import WAIT_S, Rig, ready, serving
@@ -39,3 +43,14 @@ def test_another_controllers_motion_goes_on_after_the_record_and_losses_are_in_i
     assert loss.lost_s < loss.back_s <= run.summary.duration_s
     assert run.record.is_complete
     assert load_scenario(folder / "scenario.yaml").name == "record"
+
+
+def test_a_folder_that_vanishes_is_reported_and_no_thread_is_left(tmp_path: Path) -> None:
+    folder = tmp_path / "record"
+    folder.mkdir()
+    with (
+        Fleet.load("sim").connect(["roomba-1"]) as fleet,
+        pytest.raises(ScenarioError, match=r"record cannot be written: No such file or directory"),
+        LiveRecord(fleet, folder, "poses"),
+    ):
+        shutil.rmtree(folder)

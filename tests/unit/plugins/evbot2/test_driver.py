@@ -391,18 +391,3 @@ def test_placing_the_odometry() -> None:
     assert odometry.get_value().value == pytest.approx([1.0, 2.5, math.pi / 2], abs=2 * STEP_M)
     with pytest.raises(ArgumentError, match="finite numbers"):
         odometry.set_value(EALData.of([1.0, math.nan, 0.0]))
-
-
-def test_a_computer_that_was_held_up_does_not_blame_the_base() -> None:
-    rig = Rig()
-    rig.do("f0.1")
-    rig.silence(1.0)
-    assert rig.base.not_ready() is None
-    with pytest.raises(NotReadyError, match=r"the base at memory was not polled for too long: its last reading is 1\."):
-        rig.base.get_status()
-    rig.wait(1.0)
-    assert rig.base.get_status() is not None
-    rig.do("f0.1")
-    rig.port.is_cut = True
-    rig.wait(1.0)
-    assert "does not " in str(rig.base.not_ready())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from eal_actors.kernel.errors import UnavailableError
+from eal_actors.kernel.errors import NotReadyError, UnavailableError
 from plugins.evbot2.serving import DeviceTime
 from plugins.evbot2.watchdog import LEAST_S, MOST_S, WatchdogTime
 from tests.manual_clock import ManualClock
@@ -69,3 +69,18 @@ def test_the_time_of_a_starved_device_stands_still() -> None:
     assert now_s == pytest.approx(0.2)
     clock.advance(5.0)
     assert time() == pytest.approx(0.3)
+
+
+def test_a_computer_that_was_held_up_does_not_blame_the_base() -> None:
+    rig = Rig()
+    rig.do("f0.1")
+    rig.silence(1.0)
+    assert rig.base.not_ready() is None
+    with pytest.raises(NotReadyError, match=r"the base at memory was not polled for too long: its last reading is 1\."):
+        rig.base.get_status()
+    rig.wait(1.0)
+    assert rig.base.get_status() is not None
+    rig.do("f0.1")
+    rig.port.is_cut = True
+    rig.wait(1.0)
+    assert "does not " in str(rig.base.not_ready())
