@@ -27,7 +27,7 @@ from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER, DEFAULT_NETWORK, NetworkConfig, parse_endpoint
 from eal_actors.wire.engine_exit import close_at_exit
-from eal_actors.wire.format.packing import MAX_CALL_BYTES, MAX_ENVELOPE_BYTES, MAX_PAYLOAD_BYTES
+from eal_actors.wire.format.packing import MAX_ENVELOPE_BYTES, MAX_PAYLOAD_BYTES
 from eal_actors.wire.link_watch import Link, watching
 from eal_actors.wire.security.accept_guard import ROBOT_STRANGERS, ROUTER_STRANGERS, guarding, raise_file_limit
 from eal_actors.wire.security.access import controller_access, robot_access, router_access, tls_config
@@ -58,11 +58,12 @@ _TLS_HANDSHAKE_MS: Final = 20_000
 each TLS handshake that fails: while strangers fail faster than that, nobody's is finished in a shorter time. And an
 engine's handshake that is cut off near its end leaves a link that is not read (link_watch), as 2 s did on slow boards.
 """
-_MAX_CALL_BYTES: Final = MAX_CALL_BYTES + 2 * MAX_ENVELOPE_BYTES
-"""Largest message that a robot puts together of fragments; zenoh's own limit is 1 GiB."""
-_MAX_MESSAGE_BYTES: Final = MAX_PAYLOAD_BYTES + 2 * MAX_ENVELOPE_BYTES
-"""The same of a controller and of a router, which receive images too."""
+_MAX_FRAGMENTED_BYTES: Final = MAX_PAYLOAD_BYTES + 2 * MAX_ENVELOPE_BYTES
+"""Largest message that a controller or a router puts together of the engine's fragments: an image. Robots take none,
+since they receive large calls as parts; see wire.format.parts."""
 _MIN_SESSIONS: Final = 1000
+_ROBOT_SESSIONS: Final = 256
+"""Sessions of controllers with one robot, 37 kB each."""
 _STALLED_US: Final = 500_000
 """Time after which a message that waits for a stalled link closes that link, in microseconds."""
 _BATCHES: Final = 16
@@ -95,7 +96,8 @@ def robot_config(fleet: FleetConfig, robot: str) -> dict[str, Any]:
         config = _config(network, "client", connect=network.routers, sessions=0)
     else:
         config = _config(network, "peer", listen=[entry.listen or entry.address], sessions=0)
-    config["transport"]["link"]["rx"] = {"max_message_size": _MAX_CALL_BYTES}
+    config["transport"]["unicast"]["max_sessions"] = _ROBOT_SESSIONS
+    config["transport"]["link"]["rx"] = {"max_message_size": 0}  # no fragments
     if network.security is not None:
         security = without_revoked(network.security)
         config["transport"]["link"]["tls"] = tls_config(security, robot)
@@ -228,7 +230,7 @@ def _config(
             "link": {
                 "protocols": protocols,
                 "tx": {"lease": round(network.lease_s * 1000), "queue": _QUEUE},
-                "rx": {"max_message_size": _MAX_MESSAGE_BYTES},
+                "rx": {"max_message_size": _MAX_FRAGMENTED_BYTES},
             },
         },
     }

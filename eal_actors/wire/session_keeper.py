@@ -24,6 +24,7 @@ from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import DEFAULT_NETWORK, NetworkConfig
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import decode_call
+from eal_actors.wire.format.parts import PartStore, is_part
 from eal_actors.wire.security.key_watch import WATCH_PERIOD_S, KeyWatch
 from eal_actors.wire.security.revocation import revoke
 from eal_actors.wire.session import open_session
@@ -137,7 +138,7 @@ def router_session(fleet: FleetConfig | None, name: str, configure: Callable[[],
 
     def subscribe(session: zenoh.Session) -> None:
         if fleet is not None and security is not None:
-            store = partial(_store_revoked, security.keys)
+            store = partial(_store_revoked, security.keys, PartStore())
             transports[:] = [Transport(session)]
             transports[0].receive(keys.revoke_keys(fleet.network_name), f"{name} revoked names", store)
 
@@ -149,9 +150,15 @@ def router_session(fleet: FleetConfig | None, name: str, configure: Callable[[],
         keeper.close()
 
 
-def _store_revoked(folder: Path, call: zenoh.Sample) -> None:
+def _store_revoked(folder: Path, parts: PartStore, call: zenoh.Sample) -> None:
     try:
-        header, _ = decode_call(b"" if call.attachment is None else call.attachment.to_bytes())
+        envelope = b"" if call.attachment is None else call.attachment.to_bytes()
+        if is_part(envelope):
+            whole = parts.add(str(call.key_expr), envelope, call.payload.to_bytes())
+            if whole is None:
+                return
+            envelope, _ = whole
+        header, _ = decode_call(envelope)
         revoke(folder, map(str, header.arguments))
     except EALError as error:
         get_logger().error("revoked names were not stored", reason=error.message)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import os
 import socket
 import ssl
 import threading
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +17,7 @@ import pytest
 
 from eal_actors import Fleet
 from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.wire.security.accept_guard import ROBOT_STRANGERS, AcceptGuard, raise_file_limit
 from tests.net.links import eventually
 from tests.net.rig import WAIT_S, Process, Rig, ready
 from tests.security.forging import make_keys, secure_rig
@@ -167,6 +170,18 @@ def test_a_controller_from_a_new_address_connects_under_strangers(tmp_path: Path
 
 def test_a_known_controller_connects_anew_under_strangers_from_everywhere(tmp_path: Path) -> None:
     connect_under_strangers(tmp_path, limit=320, count=200, sources=EVERYWHERE, times=1)
+
+
+def test_the_guard_goes_on_when_strangers_leave_while_it_looks() -> None:
+    here = Counter({"": 2 * ROBOT_STRANGERS})  # each has no address any more
+    with socket.create_server(("127.0.0.1", 0)) as listener, contextlib.ExitStack() as stack:
+        listener.setblocking(False)
+        guard = AcceptGuard([listener.dup()], raise_file_limit(), ROBOT_STRANGERS, lambda: here, list)
+        stack.callback(guard.close)
+        for _ in range(2 * ROBOT_STRANGERS):
+            stack.enter_context(Path(os.devnull).open(encoding="ascii"))
+        assert eventually(lambda: guard._rule is not None)
+        assert guard._thread.is_alive()
 
 
 @pytest.mark.slow

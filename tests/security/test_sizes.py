@@ -5,22 +5,27 @@ The robot has the memory of a small board: the kernel refuses more to its proces
 
 from __future__ import annotations
 
+import contextlib
 import os
 import socket
 import ssl
 import struct
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Self
 
+import numpy as np
 import pytest
 import zenoh
 
 from eal_actors import Fleet
 from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.errors import BusyError
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.wire.format.packing import MAX_CALL_BYTES
+from eal_actors.wire.format import parts
+from eal_actors.wire.format.packing import MAX_CALL_BYTES, PROTOCOL_VERSION, pack
 from eal_actors.wire.session import controller_config, open_session
 from tests.net.links import eventually
 from tests.net.rig import WAIT_S, Process, Rig, ready
@@ -36,8 +41,15 @@ HUGE_BYTES = 150 * 1024**2
 """More than the robot's memory."""
 FRAGMENT_BYTES = 40_000
 """Less than the largest batch of a TLS link, 49,152 bytes."""
+FRAGMENTS, TINY_FRAGMENTS = 1500, 1000
+SEVENTH_BYTES = 10_000_000
+LITTLE_BYTES = 6 * 1024**2
+WAITING = 12
+"""Largest calls at the same time, more than the board's memory."""
+KEY_BYTES, MOST_KEYS = 2000, 60_000
 LARGEST_BYTES = 900 * 1024**2
 PRIORITIES = (zenoh.Priority.REAL_TIME, zenoh.Priority.INTERACTIVE_HIGH, zenoh.Priority.DATA, zenoh.Priority.BACKGROUND)
+ALL_PRIORITIES = (*PRIORITIES, zenoh.Priority.INTERACTIVE_LOW, zenoh.Priority.DATA_HIGH, zenoh.Priority.DATA_LOW)
 READABLE, DENIED = "eal/f/r1/Gauge/get_value/display/{}", "eal/f/r1/Arm/send_cmd/controller/{}"
 
 
@@ -89,7 +101,7 @@ def attack(rig: Rig, attacker: FleetConfig, size: int = HUGE_BYTES, duration_s: 
         assert eventually(lambda: fleet["r1"]["Arm"].send_cmd("step2").exception(timeout=WAIT_S) is None)
 
 
-def number(value: int) -> bytes:
+def number_bytes(value: int) -> bytes:
     """Return a whole number as the engine writes it: seven bits in each byte, the lowest first."""
     head = b""
     while value > 0x7F:
@@ -119,7 +131,7 @@ class Wire:
         length, begin = answer[begin], begin + 1
         if length & 0x80:
             length, begin = length & 0x7F | answer[begin] << 7, begin + 1
-        self.send(b"\x42" + number(60) + number(0) + number(length) + answer[begin : begin + length])
+        self.send(b"\x42" + number_bytes(60) + number_bytes(0) + number_bytes(length) + answer[begin : begin + length])
         assert self._receive()[0] & 0x3F == 0x22
         return self
 
@@ -142,20 +154,93 @@ class Wire:
         return content
 
 
-def test_fragments_that_never_end_take_no_memory(tmp_path: Path) -> None:
+def send_fragments(rig: Rig) -> None:
+    """Send fragments that never end: some of one byte, then some megabytes."""
+    with Wire(rig, "display") as wire:
+        for number in range(FRAGMENTS):
+            content = b"x" if number < TINY_FRAGMENTS else bytes(FRAGMENT_BYTES)
+            wire.send(b"\x66" + number_bytes(number) + content)  # reliable, more follows
+
+
+def send_seven(attacker: FleetConfig) -> None:
+    """Send a message of 10 MB with each of seven priorities at the same time."""
+    with stranger(attacker) as session, ThreadPoolExecutor(len(ALL_PRIORITIES)) as pool:
+
+        def send(priority: zenoh.Priority) -> None:
+            block = zenoh.CongestionControl.BLOCK
+            session.put(DENIED.format("0" * 32), bytes(SEVENTH_BYTES), priority=priority, congestion_control=block)
+
+        list(pool.map(send, ALL_PRIORITIES))
+
+
+def send_parts(attacker: FleetConfig) -> None:
+    """Begin the largest calls that an observer may make, and never end them."""
+    secret = "0" * 32
+    with stranger(attacker) as session:
+        for number in range(20):
+            row = pack((PROTOCOL_VERSION, number, 0, parts.MAX_BYTES, 0), "part")
+            for key in (f"eal/f/r1/Gauge/send_req/display/{secret}", DENIED.format(secret)):
+                session.put(key, bytes(parts.PART_BYTES), attachment=row)
+
+
+def test_what_the_engine_or_the_robot_would_collect_takes_no_memory(tmp_path: Path) -> None:
     rig = secure_rig(tmp_path, make_keys(tmp_path / "keys"), 60.0)
-    with on_a_small_board(rig) as robot, ready(Fleet(rig.config)) as fleet, Wire(rig, "display") as wire:
+    attacker = as_seen_by(rig.config, "display")
+    with on_a_small_board(rig) as robot, ready(Fleet(rig.config)) as fleet:
         before = robot.memory_bytes()
-        fragment, sent = bytes(FRAGMENT_BYTES), 0
-        while sent < HUGE_BYTES:
-            wire.send(b"\x66" + number(sent // FRAGMENT_BYTES) + fragment)  # reliable, more follows
-            sent += FRAGMENT_BYTES
-        assert fleet["r1"]["Arm"].send_cmd("step1").get(timeout=WAIT_S) == 1
+        send_fragments(rig)
+        send_seven(attacker)
+        assert fleet["r1"]["Gauge"].get_value().get(timeout=WAIT_S).value == -42
         grown = robot.peak_memory_bytes() - before
-        print(f"{sent / 1e6:.0f} MB of fragments: memory grew by {grown / 1e6:.0f} MB")  # noqa: T201  # of the long form
-        assert MAX_CALL_BYTES / 2 < grown < 4 * MAX_CALL_BYTES  # they were collected, up to a bound
+        assert grown < LITTLE_BYTES
+        send_parts(attacker)
+        assert fleet["r1"]["Eye"].set_value(np.zeros(MAX_CALL_BYTES, np.uint8)).get(timeout=WAIT_S) == MAX_CALL_BYTES
+        grown = robot.peak_memory_bytes() - before
+        print(f"memory grew by {grown / 1e6:.0f} MB")  # noqa: T201  # of the long form
+        assert grown < parts.MAX_TOTAL_BYTES + LITTLE_BYTES
 
 
+def test_large_values_that_wait_are_bounded(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    with on_a_small_board(rig) as robot, ready(Fleet(rig.config)) as fleet:
+        before, eye = robot.memory_bytes(), fleet["r1"]["Eye"]
+        slow = eye.send_req("slow2", timeout_s=WAIT_S)
+        calls = [eye.set_value(np.zeros(MAX_CALL_BYTES, np.uint8), timeout_s=WAIT_S) for _ in range(WAITING)]
+        errors = [call.exception(timeout=WAIT_S) for call in calls]
+        assert slow.exception(timeout=WAIT_S) is None
+        assert any(isinstance(error, BusyError) for error in errors)
+        assert robot.peak_memory_bytes() - before < 5 * MAX_CALL_BYTES
+        assert eye.set_value(np.zeros(MAX_CALL_BYTES, np.uint8)).get(timeout=WAIT_S) == MAX_CALL_BYTES
+
+
+def send_keys(rig: Rig, sent: int) -> int:
+    """Declare keys, which access control does not look at; return how many until the robot ends the link."""
+    with contextlib.suppress(OSError), Wire(rig, "display") as wire:
+        for number in range(sent):
+            key = f"a{number}/".encode() + b"y" * KEY_BYTES
+            declare = b"\x1e\x20" + number_bytes(number + 1) + number_bytes(0) + number_bytes(len(key)) + key
+            wire.send(b"\x25" + number_bytes(number) + declare)
+        return sent
+    return number
+
+
+@pytest.mark.slow
+def test_keys_that_fill_the_memory_end_their_link(tmp_path: Path) -> None:
+    rig = secure_rig(tmp_path, make_keys(tmp_path / "keys"), 60.0)
+    with on_a_small_board(rig) as robot, ready(Fleet(rig.config)) as fleet:
+        end_s = REAL_TIME.now() + 60.0
+        sent, cuts = 0, 0
+        while REAL_TIME.now() < end_s:
+            taken = send_keys(rig, MOST_KEYS)
+            sent, cuts = sent + taken, cuts + (taken < MOST_KEYS)
+        robot.wait_for("memory is short")
+        peak = robot.peak_memory_bytes()
+        print(f"{sent} keys, {cuts} links ended, memory at most {peak / 1e6:.0f} MB")  # noqa: T201  # of the long form
+        assert peak < BOARD_KB * 1024
+        assert eventually(lambda: fleet["r1"].stop("attack").exception(timeout=WAIT_S) is None)
+
+
+@pytest.mark.slow
 def test_huge_messages_of_an_observer_take_no_memory(tmp_path: Path) -> None:
     rig = secure_rig(tmp_path, make_keys(tmp_path / "keys"), 60.0)
     attack(rig, as_seen_by(rig.config, "display"))

@@ -21,8 +21,8 @@ MAX_ROWS: Final = 256
 """Limit of the messages in one batch."""
 MAX_ROW_BYTES: Final = 1024
 """Largest payload of a message that is put into a batch."""
-MAX_BATCH_BYTES: Final = 48 * 1024
-"""Bytes from which a batch is full; a batch of the engine's link has 64 kB."""
+MAX_BATCH_BYTES: Final = 32 * 1024
+"""Bytes from which a batch is full, so that it seldom needs parts."""
 
 _LIST_OF_TWO: Final = b"\x92"
 

@@ -119,7 +119,7 @@ def guarding(ports: Iterable[int], most: int, linked: Callable[[], list[str]]) -
 
 
 def _peers(ports: frozenset[int]) -> Iterator[str]:
-    """Yield the IP address of the other end of each connection; nothing where it has gone already."""
+    """Yield the IP address of the other end of each connection, an empty text where it has gone already."""
     for end in tcp_sockets():
         with end:
             if end.getsockname()[1] in ports and not is_listening(end):
@@ -221,7 +221,8 @@ class AcceptGuard:
                 total = self._strangers.total()
                 if total <= most:
                     return None
-                crowds = [it for it, count in self._strangers.most_common(MAX_ADDRESSES) if count >= share]
+                most_common = self._strangers.most_common(MAX_ADDRESSES)
+                crowds = [it for it, count in most_common if it and count >= share]
                 has_many_sources = self._rule is not None and not self._rule.are_dropped
                 if total - sum(self._strangers[it] for it in crowds) <= (share if has_many_sources else self._most):
                     return PacketRule(tuple(sorted(crowds)), are_dropped=True)

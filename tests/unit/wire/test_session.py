@@ -38,7 +38,8 @@ def all_configs(fleet: FleetConfig) -> list[dict[str, Any]]:
 
 
 def test_zenoh_takes_them_all_and_every_guard_rail_is_in_each() -> None:
-    for config in all_configs(mixed(lease_s=0.5)):
+    for number, config in enumerate(all_configs(mixed(lease_s=0.5))):
+        is_robot = number < 2
         taken = json.loads(str(zenoh.Config.from_json5(json.dumps(config))))
         transport = taken["transport"]
         assert transport["shared_memory"]["enabled"] is False
@@ -46,7 +47,8 @@ def test_zenoh_takes_them_all_and_every_guard_rail_is_in_each() -> None:
         assert transport["link"]["tx"]["queue"]["congestion_control"]["block"]["wait_before_close"] == 500_000
         assert transport["link"]["protocols"] == ["tcp"]
         assert transport["unicast"]["compression"]["enabled"] is False
-        assert transport["unicast"]["max_sessions"] == 1000
+        assert transport["unicast"]["max_sessions"] == (256 if is_robot else 1000)
+        assert transport["link"]["rx"]["max_message_size"] == (0 if is_robot else 66 * 1024**2)
         assert taken["scouting"]["multicast"]["enabled"] is False
         assert taken["scouting"]["gossip"]["enabled"] is False
         assert taken["connect"]["exit_on_failure"] is False

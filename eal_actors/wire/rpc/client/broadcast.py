@@ -16,6 +16,7 @@ from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import CallHeader, CallReply, decode_reply, encode_call
 from eal_actors.wire.format.packing import check_version
+from eal_actors.wire.format.parts import fits, split
 from eal_actors.wire.session import controller_config, open_session
 
 if TYPE_CHECKING:
@@ -118,15 +119,17 @@ class _Broadcast:
         header = CallHeader(self._client, 0, self._sequence, left_s, left_s, None, self._arguments)
         envelope, payload = encode_call(header)
         key = keys.CallKey(self._config.network_name, robot, keys.ROBOT, self._method, self._caller, self._secret)
+        messages = [(envelope, payload)] if fits(envelope, payload) else split(self._sequence, envelope, payload)
         try:
-            session.put(
-                keys.call_key(key),
-                payload,
-                priority=zenoh.Priority.REAL_TIME,
-                congestion_control=zenoh.CongestionControl.BLOCK,
-                express=True,
-                attachment=envelope,
-            )
+            for attachment, content in messages:
+                session.put(
+                    keys.call_key(key),
+                    content,
+                    priority=zenoh.Priority.REAL_TIME,
+                    congestion_control=zenoh.CongestionControl.BLOCK,
+                    express=True,
+                    attachment=attachment,
+                )
         except zenoh.ZError as error:
             get_logger(robot=robot).debug("a call could not be sent", reason=error_text(error))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import secrets
 import threading
 from collections.abc import Callable, Iterable
@@ -18,7 +19,7 @@ from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import EALError, ProtocolError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.wire.format import keys
+from eal_actors.wire.format import keys, parts
 from eal_actors.wire.format.batches import decode_batch, is_batch
 from eal_actors.wire.format.messages import (
     CallReply,
@@ -114,6 +115,7 @@ class Controller(EALActor):
         self.foreign: Final = ForeignRobots()
         self._versions: dict[str, int] = {}  # protocol versions of the live robots
         self._transport: Transport | None = None
+        self._part_numbers = itertools.count()
         self._stack = ExitStack()
         self.sender: Final = CallSender(f"{config.name} sender", self.put, self.is_alive)
         self._urgent_sender = Sender(f"{config.name} urgent sender")
@@ -312,9 +314,14 @@ class Controller(EALActor):
         Thread: any that may wait; blocks only while a link is full, at most until the engine closes that link.
         """
         transport = self._transport
-        if transport is None or not transport.put(key, envelope, payload, is_urgent=is_urgent, is_last=is_last):
+        if transport is None:
             return False
-        return self.is_alive(robot)  # it may have gone before the call was pending
+        if parts.fits(envelope, payload):
+            is_sent = transport.put(key, envelope, payload, is_urgent=is_urgent, is_last=is_last)
+        else:
+            split = parts.split(next(self._part_numbers), envelope, payload)
+            is_sent = all(transport.put(key, *part, is_urgent=is_urgent, is_last=is_last) for part in split)
+        return is_sent and self.is_alive(robot)  # it may have gone before the call was pending
 
     # Messages, in zenoh's threads.
 

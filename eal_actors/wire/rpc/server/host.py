@@ -11,13 +11,15 @@ from typing_extensions import override
 
 from eal_actors.actors.actor import EALActor
 from eal_actors.actors.handles import RobotHandle
+from eal_actors.device.data import Payload
 from eal_actors.kernel.clock import REAL_TIME
-from eal_actors.kernel.errors import EALError, ProtocolError, UnsupportedError, error_text
+from eal_actors.kernel.errors import BusyError, EALError, ProtocolError, UnsupportedError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.network_model import NetworkConfig
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.batches import decode_batch, is_batch
 from eal_actors.wire.format.messages import decode_heartbeat
+from eal_actors.wire.format.parts import PartStore, is_part
 from eal_actors.wire.rpc.server.outbox import Outbox, ReplyBatch
 from eal_actors.wire.rpc.server.robot_server import RobotServer
 from eal_actors.wire.rpc.throttled_log import ThrottledLog
@@ -53,6 +55,7 @@ class RobotHost(EALActor):
         self._lock = threading.Lock()
         self._servers: dict[str, RobotServer] = {}
         self._malformed = ThrottledLog(fleet=fleet)
+        self._parts = PartStore()  # of the reader's thread
         self._unsubscribe: list[Callable[[], None]] = []
         self._revoked = self._read_revoked()
         self._process = secrets.token_hex(8)
@@ -182,19 +185,29 @@ class RobotHost(EALActor):
     def _on_call(self, sample: zenoh.Sample) -> None:
         key, attachment = str(sample.key_expr), sample.attachment
         envelope = b"" if attachment is None else attachment.to_bytes()
+        payload: Payload = sample.payload.to_bytes()
         try:
             route = keys.parse_route(key)
             if route.call.caller in self._revoked:
                 return
+            server = self._servers.get(route.call.robot)
+            if is_part(envelope):
+                whole = self._parts.add(key, envelope, payload)
+                if whole is None:
+                    return
+                envelope, payload = whole
             if is_batch(envelope):
                 self._receive_batch(key, route, decode_batch(envelope, 3))
                 return
         except ProtocolError as error:
             self._malformed.warn(keys.sender_of(key), "a call is malformed", error.message)
             return
-        server = self._servers.get(route.call.robot)
+        except BusyError as error:
+            if server is not None:
+                server.refuse(route, payload, error)
+            return
         if server is not None:  # else another process serves the robot
-            server.receive(route, envelope, sample.payload.to_bytes())
+            server.receive(route, envelope, payload)
 
     def _receive_batch(self, key: str, route: keys.CallRoute, rows: list[list[Any]]) -> None:
         """Serve the calls of a batch in their order; ProtocolError, and nothing is served, if one has a wrong place."""

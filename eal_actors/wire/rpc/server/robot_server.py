@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
-from eal_actors.device.data import EALData
+from eal_actors.device.data import EALData, Payload
 from eal_actors.device.info import ResourceType
 from eal_actors.kernel import spans
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
@@ -42,7 +42,9 @@ from eal_actors.wire.format.messages import (
     decode_call,
     encode_event,
     encode_reply,
+    sequence_at,
 )
+from eal_actors.wire.format.packing import Buffer
 from eal_actors.wire.rpc.clock_offset import fleet_time_of, real_time_of
 from eal_actors.wire.rpc.server.admission import Admission
 from eal_actors.wire.rpc.server.call_arguments import is_stop, start_call
@@ -219,7 +221,9 @@ class RobotServer:
 
     # Calls of controllers, in zenoh's threads.
 
-    def receive(self, route: keys.CallRoute, envelope: bytes, payload: bytes, batch: ReplyBatch | None = None) -> None:
+    def receive(
+        self, route: keys.CallRoute, envelope: bytes, payload: Payload, batch: ReplyBatch | None = None
+    ) -> None:
         """Serve a call, of a batch if one is given. Thread: the reader's; does not block."""
         call, reply_to = route.call, None
         try:
@@ -244,6 +248,17 @@ class RobotServer:
             self._log.exception("a call failed", method=call.method, resource=call.resource)
             failure = ResourceFaultError(f"the server raised {error_text(error)}")
             self._answer(reply_to or ReplyTo(route.answer_key, 0), failure)
+
+    def refuse(self, route: keys.CallRoute, first: Buffer, error: BusyError) -> None:
+        """Answer a call whose parts are not collected. Thread: the reader's; does not block.
+
+        Args:
+            route: of the call.
+            first: the first bytes of its envelope.
+            error: the answer.
+        """
+        reply_to = ReplyTo(route.answer_key, sequence_at(first))
+        self._answer(reply_to, error.at(self._robot.name))
 
     def _dispatch(self, call: keys.CallKey, reply_to: ReplyTo, header: CallHeader, data: EALData | None) -> None:
         if call.resource == keys.ROBOT:
@@ -282,14 +297,15 @@ class RobotServer:
         begin_in_s, left_s = map(self._clock.of_real, self._admission.check(header, method, handle.name))
         begin_by_s = self._clock.now() + begin_in_s
         start_s = None if header.start_s is None else fleet_time_of(self._clock, header.start_s)
-        call_id = header.call_id
+        call_id, value_bytes = header.call_id, 0 if data is None else data.length
         try:
+            self._running.check_room(value_bytes)
             call = start_call(handle, method, header, data, left_s, begin_by_s, start_s)
         except EALError as error:
             self._admission.finish(call_id, error)
             raise
         call.caller = self._admission.names.of(header.client)
-        command = ServedCommand(call_id, reply_to, call, REAL_TIME.now())
+        command = ServedCommand(call_id, reply_to, call, REAL_TIME.now(), value_bytes)
         self._running.add(command)
         call.link(lambda _, __: self._finish(command))
 

@@ -11,7 +11,9 @@ from typing import Any, Final, NamedTuple
 from eal_actors.actors.call import Call
 from eal_actors.actors.robot_view import command_of
 from eal_actors.device.resource import Progress
+from eal_actors.kernel.errors import BusyError
 from eal_actors.wire.format.messages import CallId
+from eal_actors.wire.format.packing import MAX_CALL_BYTES
 from eal_actors.wire.rpc.clock_offset import real_time_of
 from eal_actors.wire.rpc.server.outbox import ReplyBatch
 
@@ -19,6 +21,10 @@ PROGRESS_PERIOD_S: Final = 0.25
 """Least real seconds between two progress events of one command."""
 
 _MAX_TEXT: Final = 200
+_SMALL_BYTES: Final = 4096
+"""Size up to which a value needs no room: the places of the mailboxes bound these."""
+_MAX_VALUE_BYTES: Final = 2 * MAX_CALL_BYTES
+"""Limit of the values of all commands of a robot that have not ended."""
 
 
 class ReplyTo(NamedTuple):
@@ -46,6 +52,7 @@ class ServedCommand:
         reply_to: address of the reply; None once the reply was sent.
         call: the call to the resource.
         since_s: real time of its arrival.
+        value_bytes: size of its value.
         is_announced: whether an event has announced it.
         last_progress: the progress last published.
         last_progress_s: real time of that publication.
@@ -55,6 +62,7 @@ class ServedCommand:
     reply_to: ReplyTo | None
     call: Call[Any]
     since_s: float
+    value_bytes: int = 0
     is_announced: bool = False
     last_progress: Progress | None = None
     last_progress_s: float = -math.inf
@@ -91,6 +99,14 @@ class RunningCommands:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._running: dict[CallId, ServedCommand] = {}
+
+    def check_room(self, value_bytes: int) -> None:
+        """Raise BusyError if the values of the commands that have not ended take too much memory for another one."""
+        if value_bytes > _SMALL_BYTES:
+            with self._lock:
+                total = value_bytes + sum(command.value_bytes for command in self._running.values())
+            if total > _MAX_VALUE_BYTES:
+                raise BusyError("the values of other commands fill the robot's memory; call again after they end")
 
     def add(self, command: ServedCommand) -> None:
         """Add a command that has been passed to its resource."""

@@ -170,7 +170,8 @@ class Eye(api.Resource):
 
     types = api.ResourceType.SENSOR
 
-    def __init__(self) -> None:
+    def __init__(self, notebook: Notebook) -> None:
+        self._clock = notebook.clock
         self._frame = (np.arange(np.prod(FRAME_SHAPE)) % 251).astype(np.uint8).reshape(FRAME_SHAPE)
 
     def get_value(self) -> api.EALData:
@@ -178,6 +179,12 @@ class Eye(api.Resource):
 
     def set_value(self, data: api.EALData) -> int:
         return data.length
+
+    @api.request("slow<seconds>", api.ValueInfo(api.DataType.DOUBLE), _SECONDS)
+    def slow(self, seconds: float) -> float:
+        """Hold up everything for so long."""
+        self._clock.sleep(seconds)
+        return seconds
 
     @api.request("blob<bytes>", None, api.ValueInfo(api.DataType.INT, minimum=0))
     def blob(self, count: int) -> api.EALData:
@@ -262,8 +269,8 @@ def create_Gauge(context: api.PluginContext) -> Gauge:
 def destroy_Gauge(resource: Gauge) -> None: ...
 
 
-def create_Eye() -> Eye:
-    return Eye()
+def create_Eye(context: api.PluginContext) -> Eye:
+    return Eye(context.plugin.notebook)
 
 
 def destroy_Eye(resource: Eye) -> None: ...

@@ -1,0 +1,124 @@
+"""Parts: a call that does not fit into one batch of the engine's link, sent as several messages with its key.
+
+The engine would cut it up itself, but its collection of the pieces has no useful bound. It keeps one message for each
+priority of each link, each piece keeps a receive buffer of 48 to 64 kB, however short it is, and access control looks
+at whole messages only. With zenoh 1.10, seven messages of 10 MB at once took a robot from 83 to 142 MB, and 5,000
+pieces of one byte to 125 MB. So robots refuse the engine's pieces. Access control checks each part, and PartStore
+bounds those of all senders together.
+
+A part differs from a single message in its length: a list of five items.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from eal_actors.device.data import Payload
+from eal_actors.kernel.clock import REAL_TIME, Clock
+from eal_actors.kernel.errors import BusyError, ProtocolError
+from eal_actors.wire.format.keys import ANYBODY, sender_of
+from eal_actors.wire.format.packing import (
+    MAX_CALL_BYTES,
+    MAX_ENVELOPE_BYTES,
+    PROTOCOL_VERSION,
+    Buffer,
+    checked_count,
+    pack,
+    unpack_row,
+)
+
+PART_BYTES: Final = 44 * 1024
+"""Bytes of a part. With its key it fits into a batch of 48 kB, the engine's smallest, which TLS links have."""
+MAX_BYTES: Final = MAX_CALL_BYTES + MAX_ENVELOPE_BYTES
+"""Limit of the unfinished calls of one certificate, and so of one call."""
+MAX_TOTAL_BYTES: Final = 2 * MAX_BYTES
+"""Limit of all unfinished calls."""
+MAX_AGE_S: Final = 10.0
+"""Real seconds after its first part in which a call must be complete."""
+
+_LIST_OF_FIVE: Final = b"\x95"
+
+
+def fits(envelope: bytes | None, payload: Payload) -> bool:
+    """Return whether a call fits into one message."""
+    return len(envelope or b"") + len(payload) <= PART_BYTES
+
+
+def split(number: int, envelope: bytes, payload: Payload) -> Iterator[tuple[bytes, bytes]]:
+    """Yield the envelope and the payload of each part of a call, whose number no other unfinished call has."""
+    content = b"".join((envelope, payload))
+    for offset in range(0, len(content), PART_BYTES):
+        row = PROTOCOL_VERSION, number, offset, len(content), len(envelope)
+        yield pack(row, "part"), content[offset : offset + PART_BYTES]
+
+
+def is_part(envelope: bytes) -> bool:
+    """Return whether an envelope is that of a part."""
+    return envelope[:1] == _LIST_OF_FIVE
+
+
+@dataclass(slots=True)
+class _Unfinished:
+    """Call of which some parts are missing."""
+
+    content: bytearray
+    envelope_bytes: int
+    end_s: float
+    received: int = 0
+
+
+class PartStore:
+    """Collects the parts of calls, of a limited number of bytes.
+
+    Thread: one.
+    """
+
+    def __init__(self, clock: Clock = REAL_TIME) -> None:
+        self._clock = clock
+        self._unfinished: dict[tuple[str, int], _Unfinished] = {}
+
+    @property
+    def held_bytes(self) -> int:
+        """Memory of all unfinished calls."""
+        return sum(len(call.content) for call in self._unfinished.values())
+
+    def add(self, key: str, envelope: Buffer, payload: Buffer) -> tuple[bytes, Payload] | None:
+        """Add a part; return the envelope and the payload of its call if it is complete.
+
+        Later parts of a call that was refused are ignored.
+
+        Raises:
+            ProtocolError: it is no part.
+            BusyError: it is the first one, and other calls take the memory.
+        """
+        _, *fields = unpack_row(envelope, "part", 5)
+        number, offset, total, envelope_bytes = (checked_count(field, "part") for field in fields)
+        if not envelope_bytes <= total <= MAX_BYTES or not 0 < len(payload) <= total - offset:
+            raise ProtocolError(f"part: {len(payload)} bytes at {offset} of {total}, {envelope_bytes} in the envelope")
+        place = key, number
+        if offset == 0:
+            self._make_room(key, total)
+            self._unfinished[place] = _Unfinished(bytearray(total), envelope_bytes, self._clock.now() + MAX_AGE_S)
+        call = self._unfinished.get(place)
+        if call is None or call.received != offset or len(call.content) != total:
+            self._unfinished.pop(place, None)
+            return None
+        call.received += len(payload)
+        call.content[offset : call.received] = payload
+        if call.received < total:
+            return None
+        del self._unfinished[place]
+        whole = memoryview(call.content).toreadonly()
+        return bytes(whole[: call.envelope_bytes]), whole[call.envelope_bytes :]
+
+    def _make_room(self, key: str, total: int) -> None:
+        """Forget calls that took too long; BusyError if there is no room for another one."""
+        now_s = self._clock.now()
+        self._unfinished = {place: call for place, call in self._unfinished.items() if now_s < call.end_s}
+        caller = sender_of(key)
+        own = sum(len(call.content) for (other, _), call in self._unfinished.items() if sender_of(other) == caller)
+        most = MAX_TOTAL_BYTES if caller == ANYBODY else MAX_BYTES
+        if own + total > most or self.held_bytes + total > MAX_TOTAL_BYTES:
+            raise BusyError("other large calls are on their way to the robot; call again, or one after another")

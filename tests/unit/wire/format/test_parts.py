@@ -1,0 +1,101 @@
+"""Parts: what is split is put together, other bytes are refused, and no certificate takes the room of another one."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eal_actors.kernel.errors import BusyError, ProtocolError
+from eal_actors.wire.format import parts
+from eal_actors.wire.format.messages import CallHeader, encode_call, sequence_at
+from eal_actors.wire.format.packing import pack
+from tests.manual_clock import ManualClock
+
+SECRET = "0" * 32
+ANNA, BERT, ANYBODY = (f"eal/f/r1/Eye/set_value/{name}/{SECRET}" for name in ("anna", "bert", "_"))
+HALF = parts.MAX_BYTES // 2
+
+
+def first_part(number: int, total: int) -> tuple[bytes, bytes]:
+    return pack((3, number, 0, total, 0), "part"), bytes(10)
+
+
+@given(st.integers(0, 3), st.binary(min_size=1, max_size=2000), st.integers(0, 3 * parts.PART_BYTES))
+def test_a_call_arrives_as_it_was(number: int, envelope: bytes, length: int) -> None:
+    store, payload = parts.PartStore(), bytes(range(251)) * (length // 251)
+    messages = list(parts.split(number, envelope, payload))
+    assert all(parts.is_part(row) and len(content) <= parts.PART_BYTES for row, content in messages)
+    *before, whole = [store.add(ANNA, *message) for message in messages]
+    assert before == [None] * len(before)
+    assert whole == (envelope, payload)
+    assert store.held_bytes == 0
+
+
+def test_calls_may_be_interleaved() -> None:
+    store, (one, two) = parts.PartStore(), (bytes([number]) * 100_000 for number in (1, 2))
+    rows = zip(parts.split(1, b"a", one), parts.split(2, b"b", two), strict=True)
+    answers = [store.add(ANNA, *message) for pair in rows for message in pair]
+    assert [answer for answer in answers if answer] == [(b"a", one), (b"b", two)]
+
+
+@pytest.mark.parametrize(
+    ("row", "payload"),
+    [
+        ((3, 0, 0, parts.MAX_BYTES + 1, 0), b"x"),
+        ((3, 0, 0, 10, 11), b"x"),
+        ((3, 0, 0, 10, 1), b""),
+        ((3, 0, 0, 10, 1), bytes(11)),
+        ((3, 0, 11, 10, 1), b"x"),
+        ((3, 0, -1, 10, 1), b"x"),
+        ((3, 0, 0.0, 10, 1), b"x"),
+        ((3, None, 0, 10, 1), b"x"),
+        ((2, 0, 0, 10, 1), b"x"),
+        ((3, 0, 0, 10), b"x"),
+    ],
+)
+def test_what_is_no_part_is_refused(row: tuple[object, ...], payload: bytes) -> None:
+    with pytest.raises(ProtocolError):
+        parts.PartStore().add(ANNA, pack(row, "part"), payload)
+
+
+def test_a_part_out_of_order_ends_its_call() -> None:
+    store = parts.PartStore()
+    first, second, third = parts.split(1, b"a", bytes(3 * parts.PART_BYTES - 1))
+    assert [store.add(ANNA, *part) for part in (first, third, second, third)] == [None] * 4
+    assert store.held_bytes == 0
+
+
+def test_one_certificate_takes_no_room_of_another() -> None:
+    store = parts.PartStore()
+    for number in (1, 2):
+        assert store.add(ANNA, *first_part(number, HALF)) is None
+    with pytest.raises(BusyError):
+        store.add(ANNA, *first_part(3, HALF))
+    assert store.add(BERT, *first_part(3, parts.MAX_BYTES)) is None
+    assert store.held_bytes <= parts.MAX_TOTAL_BYTES
+    with pytest.raises(BusyError):
+        store.add(ANYBODY, *first_part(4, HALF))
+
+
+def test_without_certificates_all_share_the_whole_room() -> None:
+    store = parts.PartStore()
+    for number in range(4):
+        assert store.add(ANYBODY, *first_part(number, HALF)) is None
+    with pytest.raises(BusyError):
+        store.add(ANYBODY, *first_part(5, HALF))
+
+
+def test_calls_that_are_never_complete_are_forgotten() -> None:
+    clock = ManualClock()
+    store = parts.PartStore(clock)
+    store.add(ANNA, *first_part(1, parts.MAX_BYTES))
+    clock.advance(parts.MAX_AGE_S)
+    store.add(ANNA, *first_part(2, parts.MAX_BYTES))
+    assert store.held_bytes == parts.MAX_BYTES
+
+
+def test_a_refused_call_is_answered_by_its_number() -> None:
+    header = CallHeader("0" * 32, 70_000, 123_456, 60.0, 60.0, None, ("x" * 100,), "", 0.0, 0.0)
+    assert sequence_at(encode_call(header)[0]) == 123_456
+    assert [sequence_at(first) for first in (b"", b"\x92", bytes(100), b"\xc1" * 100)] == [0] * 4
