@@ -8,10 +8,10 @@ import struct
 from typing import Final
 
 from eal_actors.kernel.clock import REAL_TIME
-from eal_actors.kernel.posix import fcntl, termios
 
 _WRITE_TIMEOUT_S: Final = 0.2
 _CONNECT_TIMEOUT_S: Final = 5.0
+_MOST_WAITING: Final = 65536
 _PEER_LOST_S: Final = 10  # a peer that loses its power sends nothing; TCP gives it up after this time
 
 
@@ -58,9 +58,11 @@ class TcpPort:
 
     @property
     def in_waiting(self) -> int:
-        """The number of bytes that can be read."""
-        waiting: int = struct.unpack("i", fcntl.ioctl(self._socket, termios.FIONREAD, bytes(4)))[0]
-        return waiting
+        """The number of bytes that can be read, at most 64 KiB."""
+        try:
+            return len(self._socket.recv(_MOST_WAITING, socket.MSG_PEEK))
+        except BlockingIOError:
+            return 0
 
     def read(self, size: int = 1) -> bytes:
         """Return the received bytes, at most `size`; raises OSError when the connection has ended."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Final, NoReturn
+from typing import IO, TYPE_CHECKING, Any, Final, NoReturn
 
 if TYPE_CHECKING:
     import fcntl
@@ -43,4 +43,15 @@ HAS_TERMINALS: Final = hasattr(termios, "TIOCEXCL")
 HAS_LIMITS: Final = hasattr(resource, "getrlimit")
 """Whether a process has limits of its resources."""
 
-__all__ = ["HAS_LIMITS", "HAS_TERMINALS", "TerminalError", "fcntl", "grp", "pty", "resource", "termios", "tty"]
+__all__ = ["HAS_LIMITS", "HAS_TERMINALS", "TerminalError", "fcntl", "grp", "lock", "pty", "resource", "termios", "tty"]
+
+
+def lock(stream: IO[Any]) -> None:
+    """Lock an open file against other processes until it is closed; a system without such locks locks nothing.
+
+    Raises:
+        BlockingIOError: another process holds it.
+        OSError: its file system has no locks.
+    """
+    if hasattr(fcntl, "flock"):
+        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import signal
 import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -47,7 +48,7 @@ def destroy_Slow(resource: Slow) -> None:
 """
 
 
-@contextmanager
+@contextlib.contextmanager
 def busy_machine(programs: int) -> Iterator[None]:
     """Let programs compete for the processors."""
     command = [sys.executable, "-c", "while True: pass"]
@@ -68,24 +69,62 @@ def closed(fleet: Fleet, timeout_s: float, capsys: pytest.CaptureFixture[str]) -
     return logged.out + logged.err
 
 
+def fleet_of_slow_robots(folder: Path) -> Path:
+    """Write a fleet whose robots close one after the other; return the file."""
+    plugin = folder / "slow_closing"
+    plugin.mkdir()
+    (plugin / "__init__.py").touch()
+    (plugin / "plugin.py").write_text(SLOW_PLUGIN)
+    (plugin / "plugin.yaml").write_text(
+        'version: 1\nname: slow_closing\ndescription: closes slowly\nplugin_version: "1"\nresources: [Slow]\n'
+    )
+    file = folder / "fleet.yaml"
+    file.write_text('version: 1\nplugin_dirs: [.]\nrobots: {"r{n}": {count: 25, plugins: {slow_closing: {}}}}\n')
+    return file
+
+
 def test_robots_that_close_one_after_the_other_are_not_stuck(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folder = tmp_path / "slow_closing"
-    folder.mkdir()
-    (folder / "__init__.py").touch()
-    (folder / "plugin.py").write_text(SLOW_PLUGIN)
-    (folder / "plugin.yaml").write_text(
-        'version: 1\nname: slow_closing\ndescription: closes slowly\nplugin_version: "1"\nresources: [Slow]\n'
-    )
-    file = tmp_path / "fleet.yaml"
-    file.write_text('version: 1\nplugin_dirs: [.]\nrobots: {"r{n}": {count: 25, plugins: {slow_closing: {}}}}\n')
+    file = fleet_of_slow_robots(tmp_path)
     before = set(threading.enumerate())
     fleet = Fleet.load(file)
     fleet.connect()
     assert all(robot["Slow"].get_value().get().value == 1 for robot in fleet.values())
     assert "stuck" not in closed(fleet, 1.0, capsys)  # 2.5 s in all
     assert set(threading.enumerate()) <= before
+
+
+CLOSING = """
+import sys
+from eal_actors import Fleet
+
+fleet = Fleet.load(sys.argv[1])
+fleet.connect()
+print("closing", flush=True)
+fleet.close(1.0)
+"""
+
+
+@pytest.mark.slow
+def test_robots_are_not_stuck_while_their_process_gets_no_processor(tmp_path: Path) -> None:
+    """It is frozen twice for longer than the limit."""
+    file = fleet_of_slow_robots(tmp_path)
+    with subprocess.Popen(
+        [sys.executable, "-c", CLOSING, str(file)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as closing:
+        assert closing.stdout is not None
+        assert closing.stdout.readline() == "closing\n"
+        for _ in range(2):
+            closing.send_signal(signal.SIGSTOP)
+            with pytest.raises(subprocess.TimeoutExpired):
+                closing.wait(2.0)
+            closing.send_signal(signal.SIGCONT)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                closing.wait(0.5)
+        logged = "".join(closing.communicate(timeout=60))
+    assert "stuck" not in logged
+    assert closing.returncode == 0
 
 
 @pytest.mark.slow

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -25,6 +25,22 @@ ROUNDS = 40
 SHORT_MS = 2
 """About as long as a handshake takes here, so that its time-out strikes near the end of some."""
 
+MUCH_BYTES = 300_000
+SHORT_OF_MEMORY = """
+import resource
+from eal_actors.wire.memory_room import MemoryRoom
+room = MemoryRoom()
+shown = [room.is_short()]
+used = int(open("/proc/self/statm").read().split()[5]) * resource.getpagesize()
+resource.setrlimit(resource.RLIMIT_DATA, (used + 32 * 2**20, used + 32 * 2**20))
+shown.append(room.is_short())
+much = b"x" * (24 * 2**20)
+shown.append(room.is_short())
+del much
+room.free()
+shown.append(room.is_short())
+print(*shown, flush=True)
+"""
 ROBOT = """
 import os, sys, threading
 from eal_actors.managers.config import EALConfigManager
@@ -73,6 +89,51 @@ def test_a_link_that_is_idle_or_read_stays() -> None:
         far.setblocking(False)
         with pytest.raises(BlockingIOError):
             far.recv(1)
+
+
+def test_while_memory_is_short_the_link_that_sent_much_is_ended() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        fars = [socket.create_connection(listener.getsockname(), WAIT_S) for _ in range(3)]
+        nears = [listener.accept()[0] for _ in fars]
+        port = listener.getsockname()[1]
+        all_links = [Link(port, *near.getpeername()) for near in nears]
+        links = set(all_links)
+        watch = LinkWatch(lambda: links, frozenset({port}), None)
+        with ExitStack() as stack:
+            for end in (*fars, *nears):
+                stack.enter_context(end)
+            send(fars[0], nears[0], MUCH_BYTES)  # long ago
+            watch.look()
+            send(fars[1], nears[1], 2 * MUCH_BYTES)
+            send(fars[2], nears[2], 10)
+            for expected in ([False, True, False], [True, True, False], [True, True, False]):
+                watch.relieve()
+                ended = [is_ended(far) for far in fars]
+                assert ended == expected
+                links = {link for link, has_ended in zip(all_links, ended, strict=True) if not has_ended}
+
+
+def send(far: socket.socket, near: socket.socket, count: int) -> None:
+    """Send and read so many bytes."""
+    far.sendall(bytes(count))
+    assert len(near.recv(count, socket.MSG_WAITALL)) == count
+
+
+def is_ended(far: socket.socket) -> bool:
+    """Return whether the other end of a connection was shut down; on the loopback interface that shows at once."""
+    far.setblocking(False)
+    try:
+        return far.recv(1) == b""
+    except BlockingIOError:
+        return False
+
+
+def test_memory_is_short_near_the_limit_of_the_process(tmp_path: Path) -> None:
+    process = Process(["-c", SHORT_OF_MEMORY], tmp_path)
+    try:
+        process.wait_for("False False True False")
+    finally:
+        process.end()
 
 
 def test_a_session_that_ends_no_handshake_is_opened_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

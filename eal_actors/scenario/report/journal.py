@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import IO, Final
 
+from eal_actors.kernel import posix
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.kernel.log import get_logger
 from eal_actors.scenario.report.events import RunEvent, StepStarted
@@ -117,7 +117,7 @@ def _lock(stream: IO[str], directory: Path) -> None:
         ScenarioError: another process holds it.
     """
     try:
-        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        posix.lock(stream)
     except BlockingIOError:
         raise ScenarioError(f"the run in {directory} is under way: another process writes its record") from None
     except OSError:  # a file system without locks

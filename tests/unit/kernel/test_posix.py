@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,10 +12,12 @@ import pytest
 
 from eal_actors.kernel.bundled import bundled_path
 
-HIDE = """
+NAMES = ("fcntl", "grp", "pty", "pwd", "resource", "termios", "tty")
+HIDE = (
+    f"HIDDEN = {set(NAMES)}"
+    """
 import builtins, os, pkgutil, select, signal, socket, sys
 from importlib import import_module
-HIDDEN = {"fcntl", "grp", "pty", "pwd", "resource", "termios", "tty"}
 OURS = ("eal_actors", "plugins", "scenarios")
 real = builtins.__import__
 
@@ -26,10 +29,10 @@ def is_ours():
     file = frame.f_code.co_filename if frame is not None else ""
     return name.split(".")[0] in OURS or "/plugins/" in file
 
-def hidden_import(name, *rest):
-    if name in HIDDEN and is_ours():
+def hidden_import(name, globals=None, locals=None, fromlist=(), level=0):
+    if name in HIDDEN and not level and is_ours():
         raise ModuleNotFoundError(f"No module named {name!r}", name=name)
-    return real(name, *rest)
+    return real(name, globals, locals, fromlist, level)
 
 import importlib
 real_module = importlib.import_module
@@ -40,13 +43,16 @@ def hidden_import_module(name, package=None):
     return real_module(name, package)
 
 builtins.__import__, importlib.import_module = hidden_import, hidden_import_module
-for owner, name in ((signal, "SIGHUP"), (os, "getuid"), (os, "memfd_create"), (select, "poll")):
+for owner, name in ((signal, "SIGHUP"), (os, "getuid"), (os, "memfd_create"), (os, "openpty"), (select, "poll")):
     delattr(owner, name)
 """
+)
 """Hides modules from this project's files, and functions from all. Packages of others have their own ways elsewhere."""
 IMPORT_ALL = """
-import eal_actors
-names = [info.name for info in pkgutil.walk_packages(eal_actors.__path__, "eal_actors.") if "__main__" not in info.name]
+import eal_actors, plugins
+folders = (eal_actors, "eal_actors."), (plugins, "plugins.")
+names = [info.name for owner, name in folders for info in pkgutil.walk_packages(owner.__path__, name)]
+names = [name for name in names if "__main__" not in name]
 for name in names:
     import_module(name)
 print(len(names))
@@ -66,6 +72,14 @@ def run(program: str, folder: Path) -> str:
     return done.stdout
 
 
+def test_modules_of_posix_are_imported_in_one_place() -> None:
+    """A quick form of the tests below: no module imports one when it is itself imported."""
+    found = re.compile(rf"^(?:import|from) (?:{'|'.join(NAMES)})\b", re.MULTILINE)
+    files = [file for part in ("eal_actors", "plugins") for file in bundled_path(part).rglob("*.py")]
+    assert len(files) > 300
+    assert [str(file) for file in files if found.search(file.read_text(encoding="utf-8"))] == []
+
+
 @pytest.mark.slow
 def test_every_module_imports(tmp_path: Path) -> None:
     assert int(run(IMPORT_ALL, tmp_path)) > 300
@@ -74,6 +88,22 @@ def test_every_module_imports(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_simulated_dance_runs(tmp_path: Path) -> None:
     assert "dance on sim: done" in run(DEMO, tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("module", "arguments"), [("plugins.evbot2.emulator", []), ("plugins.roomba.emulator", ["--protocol", "oi"])]
+)
+def test_an_emulator_without_pseudo_terminals_says_so(tmp_path: Path, module: str, arguments: list[str]) -> None:
+    program = f"""
+import runpy
+sys.argv = ["emulator", "--pty", *{arguments}]
+try:
+    runpy.run_module("{module}", run_name="__main__")
+except SystemExit as end:
+    print(end.code)
+"""
+    assert run(program, tmp_path).strip() == "this system has no pseudo-terminals"
 
 
 def test_a_simulated_robot_moves(tmp_path: Path) -> None:
