@@ -8,7 +8,6 @@ import math
 import os
 import signal
 import sys
-import tty
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from functools import partial
@@ -176,6 +175,10 @@ def _print(text: str) -> None:
 @asynccontextmanager
 async def on_pty(server: EmulatorServer) -> AsyncIterator[str]:
     """Serve behind a pseudo-terminal for the length of a block; yields the path of its port."""
+    if not hasattr(os, "openpty"):
+        raise SystemExit("this system has no pseudo-terminals")
+    import tty
+
     loop = asyncio.get_running_loop()
     master, slave = os.openpty()
     try:

@@ -34,7 +34,7 @@ from .messages import (
     Verb,
     WheelStatus,
 )
-from .session_state import FIRST_RETRY_S, PendingOrder, SessionLease, StatusReading
+from .session_state import FIRST_RETRY_S, PendingOrder, SessionLease, StatusReading, why_refused
 from .watchdog import WatchdogTime
 
 POLL_S: Final = 0.004
@@ -94,6 +94,7 @@ class BaseSession:
         self._lock = threading.Lock()
         self._lease: SessionLease | None = None
         self._orders: dict[OrderChannel, PendingOrder] = {}
+        self._last_stops: list[BaseRequest] = []  # of a lost lease, sent until the base answers a greeting
         self._greeted_s = -math.inf
         self._greeting = 0
         self._asked_s = self.watchdog_s
@@ -159,7 +160,7 @@ class BaseSession:
         """
         channel = CHANNELS[verb]
         with self._lock:
-            order = self._begin(channel, verb, numbers)
+            order = self._begin(verb, *numbers)
         while True:
             with self._lock:
                 delay_s = self._advance(channel, order)
@@ -177,21 +178,19 @@ class BaseSession:
             if self._lease is None and self._reading is None:
                 return  # it was never connected, so nothing moves
             try:
-                self._begin(channel, STOPS[channel], ())
+                self._begin(STOPS[channel])
                 self._receive()
             except UnavailableError as error:
                 raise type(error)(
                     f"{error.message}; if the robot moves, it stops {self.watchdog_s:g} s after its last message"
                 ) from error
 
-    def _begin(self, channel: OrderChannel, verb: Verb, numbers: tuple[int, ...]) -> PendingOrder:
+    def _begin(self, verb: Verb, *numbers: int) -> PendingOrder:
         lease = self._lease
         if lease is None or lease.opening != self._port.openings:
             raise NotReadyError(self._port.why_not_ready() or self._absence)
-        tag = lease.tags[channel] = (lease.tags[channel] + 1) % TAGS
         now_s = self.clock.now()
-        order = PendingOrder(BaseRequest(verb, tag, lease.welcome.lease, numbers), now_s, now_s + FIRST_RETRY_S)
-        self._orders[channel] = order
+        order = self._orders[CHANNELS[verb]] = PendingOrder(lease.request(verb, numbers), now_s, now_s + FIRST_RETRY_S)
         self._send(order.request)
         return order
 
@@ -277,7 +276,9 @@ class BaseSession:
         pending = [order for order in stops if order.reply is None]
         for order in pending:  # until a stop has arrived, nothing else may reset the watchdog
             self._resend_if_due(order)
-        if not pending:
+        if pending:
+            self._polled_s = None  # no poll is due, so the next interval measures nothing
+        else:
             if self._watchdog.due_s() is not None:
                 self._greet()  # the lease stays, with another watchdog time
             lease.polled, now_s = (lease.polled + 1) % TAGS, self.clock.now()
@@ -295,14 +296,23 @@ class BaseSession:
         self._asked_s = self._watchdog.due_s() or self.watchdog_s
         if self._lease is None:
             self._codec.reset()
+            self._send_last_stops()  # before the greeting: a refusal must not be taken for one of the next lease
         self._send(BaseRequest(Verb.HELLO, self._greeting, 0, (VERSION, round(self._asked_s * 1000), self._host)))
 
     def _lose(self, reason: str) -> None:
-        """End the lease: the base must be greeted again, and pending orders are lost."""
-        if self._lease is not None:
-            self._log.warning("the base must be greeted again", reason=reason)
-        self._lease, self._absence, self._polled_s = None, reason, None
+        """End the lease and stop the base, which may have received a pending order; it must be greeted again."""
+        lease, self._lease = self._lease, None
+        self._absence, self._polled_s = reason, None
         self._orders.clear()
+        if lease is not None:
+            self._log.warning("the base must be greeted again", reason=reason)
+            self._last_stops = [lease.request(STOPS[channel]) for channel in self._channels]
+            self._send_last_stops()
+
+    def _send_last_stops(self) -> None:
+        with contextlib.suppress(UnavailableError):  # without a port it stops by its watchdog
+            for request in self._last_stops:
+                self._send(request)
 
     def _send(self, request: BaseRequest) -> None:  # this and all below: the caller holds the lock
         self._port.write(self._codec.encode(request))
@@ -342,6 +352,7 @@ class BaseSession:
         is_ours = reply.tag in lease.sent_s or any((it.verb, it.tag) == (reply.verb, reply.tag) for it in sent)
         if is_ours:
             self._lose(f"the base at {self._port.name} received nothing for {self.watchdog_s:g} s and has stopped")
+            self._last_stops.clear()
             self._greeted_s = -math.inf
 
     def _handle_welcome(self, reply: BaseReply) -> None:
@@ -351,7 +362,7 @@ class BaseSession:
             self._confirm_watchdog(reply, self._lease)
             return
         if reply.code is not Code.OK or len(reply.numbers) != _WELCOME_NUMBERS + 1 + len(self._channels):
-            self._absence = self._why_refused(reply)
+            self._absence = why_refused(f"the base at {self._port.name}", reply)
             return
         welcome = BaseWelcome(*reply.numbers[:_WELCOME_NUMBERS])
         polled, *tags = reply.numbers[_WELCOME_NUMBERS:]
@@ -359,10 +370,11 @@ class BaseSession:
             self._absence = f"the base at {self._port.name} is an EvBot {welcome.model}, not an EvBot {self._model}"
             return
         self._watchdog.agreed_s = self._asked_s
+        self._last_stops.clear()
         self._lease = SessionLease(welcome, self._port.openings, polled, dict(zip(self._channels, tags, strict=True)))
         self._log.debug("the base has answered", port=self._port.name, lease=welcome.lease)
         for channel in self._channels:  # stop the motion of a previous driver
-            self._begin(channel, STOPS[channel], ())
+            self._begin(STOPS[channel])
 
     def _confirm_watchdog(self, reply: BaseReply, lease: SessionLease) -> None:
         """Note the watchdog time that the base has taken for the running lease."""
@@ -371,14 +383,6 @@ class BaseSession:
             if self._watchdog.agreed_s != self._asked_s:
                 self._log.info("another watchdog time", watchdog_s=round(self._asked_s, 2))
             self._watchdog.agreed_s = self._asked_s
-
-    def _why_refused(self, reply: BaseReply) -> str:
-        where = f"the base at {self._port.name}"
-        if reply.code is Code.BUSY:
-            return f"{where} is used by another host until that one is silent"
-        if reply.code is Code.VERSION:
-            return f"{where} does not support version {VERSION} of the protocol"
-        return f"{where} answers the greeting with {reply.code.name} and {len(reply.numbers)} numbers"
 
     def _handle_status(self, lease: SessionLease, reply: BaseReply, sent_s: float) -> None:
         if len(reply.numbers) < _STATUS_NUMBERS:

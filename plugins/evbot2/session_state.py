@@ -5,7 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Final
 
-from .messages import BaseReply, BaseRequest, BaseWelcome, OrderChannel, WheelStatus
+from .messages import (
+    CHANNELS,
+    TAGS,
+    VERSION,
+    BaseReply,
+    BaseRequest,
+    BaseWelcome,
+    Code,
+    OrderChannel,
+    Verb,
+    WheelStatus,
+)
 
 FIRST_RETRY_S: Final = 0.05
 """Delay of the first retransmission of an order."""
@@ -57,3 +68,23 @@ class SessionLease:
     tags: dict[OrderChannel, int]
     sent_s: dict[int, float] = field(default_factory=dict)
     uptime_ms: int | None = None
+
+    def request(self, verb: Verb, numbers: tuple[int, ...] = ()) -> BaseRequest:
+        """Return a new order, newer than all others of its channel."""
+        channel = CHANNELS[verb]
+        self.tags[channel] = (self.tags[channel] + 1) % TAGS
+        return BaseRequest(verb, self.tags[channel], self.welcome.lease, numbers)
+
+
+def why_refused(base: str, reply: BaseReply) -> str:
+    """Return why a greeting gave no lease.
+
+    Args:
+        base: the name of the base, with its port.
+        reply: to the greeting.
+    """
+    if reply.code is Code.BUSY:
+        return f"{base} is used by another host until that one is silent"
+    if reply.code is Code.VERSION:
+        return f"{base} does not support version {VERSION} of the protocol"
+    return f"{base} answers the greeting with {reply.code.name} and {len(reply.numbers)} numbers"

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import Final
 
 from typing_extensions import override
 
-from eal_actors.plugin import DataType, EALData, Resource, ResourceType, ValueInfo, request
+from eal_actors.plugin import Resource
 
 from ..evbot2.base import Base
 from ..evbot2.session import BaseSession
+from ..roomba.senses import BatteryReading, BumpSensor, PowerSensor
 from .status import SenseStatus, senses_of
 
-_FLAG: Final = ValueInfo(DataType.BOOL)
 _LEFT, _RIGHT = 1, 2
 
 
@@ -35,8 +34,6 @@ class _StatusSensor(Resource):
         session: the session with the base, which Base polls.
     """
 
-    types = ResourceType.SENSOR
-
     def __init__(self, session: BaseSession) -> None:
         self._session = session
 
@@ -50,66 +47,22 @@ class _StatusSensor(Resource):
         return senses_of(reading), reading.stamp_s
 
 
-class Bump(_StatusSensor):
+class Bump(_StatusSensor, BumpSensor):
     """Whether something touches the front half of the robot."""
 
-    value = _FLAG
-
-    def get_value(self) -> EALData:
-        """Return whether any bumper is pressed now."""
-        return self._pressed(_LEFT | _RIGHT)
-
-    @request("left", _FLAG)
-    def left(self) -> EALData:
-        """Return whether the left bumper is pressed; an obstacle straight ahead presses both."""
-        return self._pressed(_LEFT)
-
-    @request("right", _FLAG)
-    def right(self) -> EALData:
-        """Return whether the right bumper is pressed; an obstacle straight ahead presses both."""
-        return self._pressed(_RIGHT)
-
-    def _pressed(self, bits: int) -> EALData:
+    @override
+    def read_flags(self) -> tuple[tuple[bool, ...], float]:
         senses, stamp_s = self._status()
-        return EALData.of(bool(senses.bumpers & bits), stamp_s=stamp_s)
+        return (bool(senses.bumpers & _LEFT), bool(senses.bumpers & _RIGHT)), stamp_s
 
 
-class Battery(_StatusSensor):
+class Battery(_StatusSensor, PowerSensor):
     """The battery's charge, 0 to 1."""
 
-    value = ValueInfo(DataType.DOUBLE, None, 0, 1, description="fraction of the capacity that is left")
-
-    def get_value(self) -> EALData:
-        """Return the charge as a share of the capacity."""
+    @override
+    def read_battery(self) -> tuple[BatteryReading, float]:
         senses, stamp_s = self._status()
         fraction = senses.charge_mah / senses.capacity_mah if senses.capacity_mah > 0 else 0.0
-        return EALData.of(min(max(fraction, 0.0), 1.0), stamp_s=stamp_s)
-
-    @request("voltage", ValueInfo(DataType.DOUBLE, "V"))
-    def voltage(self) -> EALData:
-        """Return the terminal voltage."""
-        return self._milli("voltage_mv", "V")
-
-    @request("current", ValueInfo(DataType.DOUBLE, "A"))
-    def current(self) -> EALData:
-        """Return the charging current, negative while the battery is drained."""
-        return self._milli("current_ma", "A")
-
-    @request("charge", ValueInfo(DataType.DOUBLE, "A h"))
-    def charge(self) -> EALData:
-        """Return the remaining charge."""
-        return self._milli("charge_mah", "A h")
-
-    @request("capacity", ValueInfo(DataType.DOUBLE, "A h"))
-    def capacity(self) -> EALData:
-        """Return the full charge."""
-        return self._milli("capacity_mah", "A h")
-
-    @request("temperature", ValueInfo(DataType.DOUBLE, "degC"))
-    def temperature(self) -> EALData:
-        """Return its temperature."""
-        return self._milli("temperature_mc", "degC")
-
-    def _milli(self, name: str, unit: str) -> EALData:
-        senses, stamp_s = self._status()
-        return EALData.of(float(getattr(senses, name)) / 1000, unit=unit, stamp_s=stamp_s)
+        electric = senses.voltage_mv, senses.current_ma, senses.charge_mah, senses.capacity_mah
+        milli = *electric, senses.temperature_mc
+        return BatteryReading(min(max(fraction, 0.0), 1.0), *(number / 1000 for number in milli)), stamp_s

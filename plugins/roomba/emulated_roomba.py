@@ -18,6 +18,7 @@ from .sci import (
     MAX_NOTES,
     MAX_RADIUS_MM,
     MAX_SPEED_MM_S,
+    NO_OP_CODE,
     STRAIGHT,
     Mode,
     Op,
@@ -133,7 +134,8 @@ class EmulatedRoomba(ABC):
                 self.violations += 1
                 continue
             if not self._waiting and byte not in self.data_bytes:
-                self._refuse(f"byte {byte} is no op code")
+                if byte != NO_OP_CODE:
+                    self._refuse(f"byte {byte} is no op code")
                 continue
             self._waiting.append(byte)
             if len(self._waiting) == self._wanted():

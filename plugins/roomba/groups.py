@@ -52,9 +52,14 @@ class Contacts:
         return self.drop_left or self.drop_right or self.drop_caster
 
     @property
+    def cliffs(self) -> tuple[bool, bool, bool, bool]:
+        """Whether each cliff sensor misses the floor, from the left to the right."""
+        return self.cliff_left, self.cliff_front_left, self.cliff_front_right, self.cliff_right
+
+    @property
     def any_cliff(self) -> bool:
         """Whether any cliff sensor misses the floor."""
-        return self.cliff_left or self.cliff_front_left or self.cliff_front_right or self.cliff_right
+        return any(self.cliffs)
 
     def encode(self) -> bytes:
         """Return the group's 10 bytes."""

@@ -20,7 +20,7 @@ from .listening import LOOK_S
 from .motion import MAX_SPEED_MM_S, slowed
 from .oi import COUNTS, METRES_A_COUNT, MODES, STREAM_PERIOD_S
 from .reading import WheelCommand
-from .sci import Mode, Op
+from .sci import NO_OP_CODE, Mode, Op
 
 _REQUESTED: Final = (
     packets.CONTACTS_GROUP,
@@ -61,7 +61,8 @@ class OiDriver(RoombaDriver):
         }
     )
     count_m = METRES_A_COUNT
-    stop_data = oi.drive_direct(0, 0)
+    stop_data = oi.drive_direct(0, 0) + bytes([NO_OP_CODE])
+    """The last byte completes a stop that has lost one, which would take the next op code for the speed of a wheel."""
 
     def __init__(
         self, link: RoombaLink, clock: Clock, mode: Mode, poll_hz: float, name: str, wheelbase_m: float

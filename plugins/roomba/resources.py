@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final
+from typing import Final, TypeVar
+
+from typing_extensions import override
 
 from eal_actors.plugin import (
     Activity,
@@ -21,8 +23,18 @@ from .driver import RoombaDriver
 from .groups import CHARGING_STATES
 from .reading import RoombaReading
 from .sci import Mode
+from .senses import (
+    BatteryReading,
+    BumpSensor,
+    CasterDropSensor,
+    CliffSensor,
+    PowerSensor,
+    WallSensor,
+    WheelDropSensor,
+)
 
-_FLAG: Final = ValueInfo(DataType.BOOL)
+_V = TypeVar("_V")
+
 _MODE: Final = ValueInfo(DataType.CHAR, choices=tuple(mode.value for mode in Mode))
 _CHARGING: Final = ValueInfo(DataType.CHAR, choices=CHARGING_STATES)
 
@@ -39,139 +51,64 @@ class RoombaSensor(Resource):
         """Return why the Roomba cannot be used at present."""
         return self._roomba.not_ready()
 
-    def answer(self, read: Callable[[RoombaReading], bool | float], unit: str | None = None) -> EALData:
-        """Return what is read from the latest reading, with the reading's time."""
+    def read(self, sense: Callable[[RoombaReading], _V]) -> tuple[_V, float]:
+        """Return what is read from the latest reading, and the reading's time."""
         reading = self._roomba.latest()
-        return EALData.of(read(reading), unit=unit, stamp_s=reading.stamp_s)
+        return sense(reading), reading.stamp_s
 
 
-class RoombaBump(RoombaSensor):
+class RoombaBump(RoombaSensor, BumpSensor):
     """Whether something touches the front half of the robot."""
 
-    value = _FLAG
-
-    def get_value(self) -> EALData:
-        """Return whether any bumper is pressed now."""
-        return self.answer(lambda sees: sees.contacts.any_bump)
-
-    @request("left", _FLAG)
-    def left(self) -> EALData:
-        """Return whether the left bumper is pressed; an obstacle straight ahead presses both."""
-        return self.answer(lambda sees: sees.contacts.bump_left)
-
-    @request("right", _FLAG)
-    def right(self) -> EALData:
-        """Return whether the right bumper is pressed; an obstacle straight ahead presses both."""
-        return self.answer(lambda sees: sees.contacts.bump_right)
+    @override
+    def read_flags(self) -> tuple[tuple[bool, ...], float]:
+        return self.read(lambda sees: (sees.contacts.bump_left, sees.contacts.bump_right))
 
 
-class RoombaCliff(RoombaSensor):
+class RoombaCliff(RoombaSensor, CliffSensor):
     """Whether the floor falls away under the robot's front edge."""
 
-    value = _FLAG
-
-    def get_value(self) -> EALData:
-        """Return whether any of the four sensors sees a drop now."""
-        return self.answer(lambda sees: sees.contacts.any_cliff)
-
-    @request("left", _FLAG)
-    def left(self) -> EALData:
-        """Return whether the sensor 60 degrees to the left sees a drop."""
-        return self.answer(lambda sees: sees.contacts.cliff_left)
-
-    @request("front_left", _FLAG)
-    def front_left(self) -> EALData:
-        """Return whether the sensor 20 degrees to the left sees a drop."""
-        return self.answer(lambda sees: sees.contacts.cliff_front_left)
-
-    @request("front_right", _FLAG)
-    def front_right(self) -> EALData:
-        """Return whether the sensor 20 degrees to the right sees a drop."""
-        return self.answer(lambda sees: sees.contacts.cliff_front_right)
-
-    @request("right", _FLAG)
-    def right(self) -> EALData:
-        """Return whether the sensor 60 degrees to the right sees a drop."""
-        return self.answer(lambda sees: sees.contacts.cliff_right)
+    @override
+    def read_flags(self) -> tuple[tuple[bool, ...], float]:
+        return self.read(lambda sees: sees.contacts.cliffs)
 
 
-class OiWheelDrop(RoombaSensor):
+class OiWheelDrop(RoombaSensor, WheelDropSensor):
     """Whether a wheel hangs over a drop; the caster of these Roombas does not tell."""
 
-    value = _FLAG
-
-    def get_value(self) -> EALData:
-        """Return whether any wheel has dropped."""
-        return self.answer(lambda sees: sees.contacts.any_drop)
-
-    @request("left", _FLAG)
-    def left(self) -> EALData:
-        """Return whether the left wheel has dropped."""
-        return self.answer(lambda sees: sees.contacts.drop_left)
-
-    @request("right", _FLAG)
-    def right(self) -> EALData:
-        """Return whether the right wheel has dropped."""
-        return self.answer(lambda sees: sees.contacts.drop_right)
+    @override
+    def read_flags(self) -> tuple[tuple[bool, ...], float]:
+        return self.read(lambda sees: (sees.contacts.drop_left, sees.contacts.drop_right))
 
 
-class SciWheelDrop(OiWheelDrop):
+class SciWheelDrop(RoombaSensor, CasterDropSensor):
     """Whether a wheel hangs over a drop."""
 
-    @request("caster", _FLAG)
-    def caster(self) -> EALData:
-        """Return whether the caster, the small wheel in front, has dropped."""
-        return self.answer(lambda sees: sees.contacts.drop_caster)
+    @override
+    def read_flags(self) -> tuple[tuple[bool, ...], float]:
+        return self.read(lambda sees: (sees.contacts.drop_left, sees.contacts.drop_right, sees.contacts.drop_caster))
 
 
-class RoombaWall(RoombaSensor):
+class RoombaWall(RoombaSensor, WallSensor):
     """Whether something is within 5 cm of the hull at the right-hand side, a little ahead."""
 
-    value = _FLAG
-
-    def get_value(self) -> EALData:
-        """Return whether something is near at the right-hand side."""
-        return self.answer(lambda sees: sees.contacts.wall)
-
-    @request("virtual", _FLAG)
-    def virtual(self) -> EALData:
-        """Return whether a virtual wall's beam is seen; a simulated world has none."""
-        return self.answer(lambda sees: sees.contacts.virtual_wall)
+    @override
+    def read_flags(self) -> tuple[tuple[bool, ...], float]:
+        return self.read(lambda sees: (sees.contacts.wall, sees.contacts.virtual_wall))
 
 
-class RoombaBattery(RoombaSensor):
+class RoombaBattery(RoombaSensor, PowerSensor):
     """The battery's charge, 0 to 1."""
 
-    value = ValueInfo(DataType.DOUBLE, None, 0, 1, description="fraction of the capacity that is left")
+    @override
+    def read_battery(self) -> tuple[BatteryReading, float]:
+        return self.read(_battery_reading)
 
-    def get_value(self) -> EALData:
-        """Return the charge as a share of the capacity."""
-        return self.answer(lambda sees: sees.power.fraction)
 
-    @request("voltage", ValueInfo(DataType.DOUBLE, "V"))
-    def voltage(self) -> EALData:
-        """Return the terminal voltage."""
-        return self.answer(lambda sees: sees.power.voltage_mv / 1000, "V")
-
-    @request("current", ValueInfo(DataType.DOUBLE, "A"))
-    def current(self) -> EALData:
-        """Return the charging current, negative while the battery is drained."""
-        return self.answer(lambda sees: sees.power.current_ma / 1000, "A")
-
-    @request("charge", ValueInfo(DataType.DOUBLE, "A h"))
-    def charge(self) -> EALData:
-        """Return the remaining charge."""
-        return self.answer(lambda sees: sees.power.charge_mah / 1000, "A h")
-
-    @request("capacity", ValueInfo(DataType.DOUBLE, "A h"))
-    def capacity(self) -> EALData:
-        """Return the full charge."""
-        return self.answer(lambda sees: sees.power.capacity_mah / 1000, "A h")
-
-    @request("temperature", ValueInfo(DataType.DOUBLE, "degC"))
-    def temperature(self) -> EALData:
-        """Return its temperature."""
-        return self.answer(lambda sees: float(sees.power.temperature_c), "degC")
+def _battery_reading(sees: RoombaReading) -> BatteryReading:
+    power = sees.power
+    electric = power.voltage_mv / 1000, power.current_ma / 1000, power.charge_mah / 1000, power.capacity_mah / 1000
+    return BatteryReading(power.fraction, *electric, power.temperature_c)
 
 
 class RoombaOdometry(RoombaSensor):

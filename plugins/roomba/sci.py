@@ -31,6 +31,8 @@ CLOCKWISE: Final = -1
 """The radius that means turning in place to the right."""
 COUNTER_CLOCKWISE: Final = 1
 """The radius that means turning in place to the left."""
+NO_OP_CODE: Final = 0
+"""A Roomba ignores it between commands; after a command that has lost a byte it completes that one."""
 SONGS: Final = 16
 MAX_NOTES: Final = 16
 BAUD_RATES: Final = (300, 600, 1200, 2400, 4800, 9600, 14400, 19200, 28800, 38400, 57600, 115200)

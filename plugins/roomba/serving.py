@@ -8,7 +8,6 @@ import contextlib
 import math
 import os
 import signal
-import tty
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from typing import Final
@@ -73,6 +72,10 @@ class PacedLine:
 @asynccontextmanager
 async def on_pty(serving: PacedLine) -> AsyncIterator[tuple[str, asyncio.Task[None]]]:
     """Serve behind a pseudo-terminal during a block; yields its path and the serving task."""
+    if not hasattr(os, "openpty"):
+        raise SystemExit("this system has no pseudo-terminals")
+    import tty
+
     loop = asyncio.get_running_loop()
     master, slave = os.openpty()
     tty.setraw(master)

@@ -14,22 +14,22 @@ Thread: every member is for the holder of the world's lock.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Final, Generic, NamedTuple, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Generic, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 
 from .arena import Pose2D
-from .motion import NORMALS_BLOCK, ODOMETER_ROUNDING, STRAIGHT_RAD
+from .motion import NORMALS_BLOCK, ODOMETER_ROUNDING, STRAIGHT_RAD, NormalNumbers
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from .robot import SimRobot
-
 
 _Array: TypeAlias = "NDArray[np.float64]"
 _Number = TypeVar("_Number")
+_R = TypeVar("_R", bound="FreeRobot")
 
 MOST_TICKS: Final = NORMALS_BLOCK // 2
 """The most ticks at once: a robot needs two random numbers in each."""
@@ -111,7 +111,48 @@ _ODOMETER: Final = slice(FreeState._fields.index("odometer_x_m"), FreeState._fie
 _REPORTED: Final = slice(FreeState._fields.index("reported_x_m"), len(FreeState._fields))
 
 
-class FreeRobots:
+class FreeRobot(ABC):
+    """A robot whose state an array may have.
+
+    Attributes:
+        free: the robots with which it drives freely, in one array that has its state; None if it has its own.
+    """
+
+    free: FreeRobots[Any] | None = None
+
+    @property
+    @abstractmethod
+    def normals(self) -> NormalNumbers:
+        """The random numbers of its wheels."""
+
+    @abstractmethod
+    def join(self, free: FreeRobots[Any], ticks: int) -> FreeState[float] | None:
+        """Give its state to an array, if its next ticks are regular; return the state, or None.
+
+        Args:
+            free: has its state from now on, until `leave`.
+            ticks: how many ticks it must be able to drive there.
+        """
+
+    @abstractmethod
+    def leave(self) -> None:
+        """Take its state back from the array, if one has it."""
+
+    @abstractmethod
+    def adopt(self, state: FreeState[float], ticks: int) -> None:
+        """Copy its state from an array.
+
+        Args:
+            state: the state.
+            ticks: driven there since the last copy.
+        """
+
+    @abstractmethod
+    def report(self, odometry: Pose2D, now_s: float) -> None:
+        """Note a pose by odometry for the pose estimate."""
+
+
+class FreeRobots(Generic[_R]):
     """The robots that drive freely at present.
 
     Args:
@@ -124,14 +165,14 @@ class FreeRobots:
     def __init__(self, tick_s: float) -> None:
         self._tick_s = tick_s
         self._tick = 0
-        self.robots: list[SimRobot] = []
-        self._columns: dict[SimRobot, int] = {}
+        self.robots: list[_R] = []
+        self._columns: dict[_R, int] = {}
         self._updated_at: list[int] = []
         self._state: _Array = np.zeros((len(FreeState._fields), _FEWEST))
         self._normals: _Array = np.zeros((_FEWEST, 2 * NORMALS_BLOCK))
         self._next_normal = np.zeros(_FEWEST, dtype=np.intp)
 
-    def drive(self, robots: Sequence[SimRobot], tick: int, ticks: int) -> list[SimRobot]:
+    def drive(self, robots: Sequence[_R], tick: int, ticks: int) -> list[_R]:
         """Drive robots for some ticks, as far as their motions are regular; return those that drive by themselves.
 
         Args:
@@ -155,16 +196,16 @@ class FreeRobots:
         """Return where the robots are, shape (n, 2)."""
         return self._state[:2, : len(self.robots)].T
 
-    def column_of(self, robot: SimRobot) -> int:
+    def column_of(self, robot: _R) -> int:
         """Return the row of a robot in `places`."""
         return self._columns[robot]
 
-    def pose_of(self, robot: SimRobot) -> Pose2D:
+    def pose_of(self, robot: _R) -> Pose2D:
         """Return the pose of a robot."""
         x_m, y_m, yaw_rad = self._state[:3, self._columns[robot]].tolist()
         return x_m, y_m, yaw_rad
 
-    def update(self, robot: SimRobot) -> None:
+    def update(self, robot: _R) -> None:
         """Copy a robot's state from the array to the robot, unless it has it already."""
         column = self._columns[robot]
         ticks = self._tick - self._updated_at[column]
@@ -172,7 +213,7 @@ class FreeRobots:
             self._updated_at[column] = self._tick
             robot.adopt(FreeState._make(self._state[:, column].tolist()), ticks)
 
-    def remove(self, robot: SimRobot) -> None:
+    def remove(self, robot: _R) -> None:
         """Give a robot its state back; the last column takes its place."""
         self.update(robot)
         column, last = self._columns.pop(robot), len(self.robots) - 1
@@ -184,7 +225,7 @@ class FreeRobots:
             self._normals[column] = self._normals[last]
             self._next_normal[column] = self._next_normal[last]
 
-    def _add(self, robot: SimRobot, ticks: int) -> None:
+    def _add(self, robot: _R, ticks: int) -> None:
         """Take a robot's state, if its motion is regular for some ticks."""
         state = robot.join(self, ticks)
         if state is None:

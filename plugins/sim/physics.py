@@ -178,7 +178,7 @@ class ContactSearch:
         self._engine = engine
         self._tick_m = _FASTEST_M_S * tick_s
 
-    def search(self, driven: Sequence[SimRobot], together: FreeRobots, tick: int, end: int) -> None:
+    def search(self, driven: Sequence[SimRobot], together: FreeRobots[SimRobot], tick: int, end: int) -> None:
         """Find out how long robots stay clear of everything, unless that is known up to a tick.
 
         Args:
@@ -203,7 +203,7 @@ class ContactSearch:
         self,
         driven: Sequence[SimRobot],
         tick: int,
-        together: FreeRobots | None = None,
+        together: FreeRobots[SimRobot] | None = None,
         alone: Sequence[SimRobot] = (),
         ahead: int = 0,
     ) -> list[SimRobot]:

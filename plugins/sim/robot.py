@@ -10,26 +10,27 @@ from typing import Any, Final
 
 import numpy as np
 import pymunk
+from typing_extensions import override
 
 from eal_actors.plugin import Activity, Localizer, ResourceFaultError, UnavailableError, WheelCalibration
 
 from .arena import Pose2D, QuerySpace
 from .faults import HEALTHY, FaultSet
-from .free_robots import FreeRobots, FreeState
+from .free_robots import FreeRobot, FreeRobots, FreeState
 from .models import Make
 from .motion import NormalNumbers, SimWheels, WheelMotion, WheelOdometer, moved
 from .parts import SimBattery, SimTurret
 from .velocity_drive import VelocityDrive
 
-REPORT_TICKS: Final = 2
-"""A driven robot notes its odometry for the pose estimate every so many ticks."""
+_CLOSE_S: Final = 0.019
+"""A pose estimate replaces a note that is closer to the one before, such as that of a reading, by the next one."""
 _MOST_REPORTS: Final = 512
 """Notes after which the pose estimate hears of them; it does before somebody reads it too."""
 _REVIVAL_POLL_S: Final = 60.0
 """Poll interval of an interrupted activity of a dead robot, until the robot is alive again."""
 
 
-class SimRobot:
+class SimRobot(FreeRobot):
     """A disc that is driven by two wheels, or stands with its brakes on.
 
     Args:
@@ -45,12 +46,13 @@ class SimRobot:
     Attributes:
         next_pose: its pose after the present tick, if nothing is in its way.
         clear_until_tick: it cannot touch anything before this tick of the world.
-        free: the robots with which it drives freely, in one array that has its state; None if it has its own.
         tick_s: length of a physics tick.
         localizer: its pose estimate, once a Pose resource exists.
         turret: its turret, if it has one.
         sensor_generator: the noise source of all its sensors.
         slipped_m: how far its wheels have turned in vain since its motion began.
+        report_ticks: it notes its odometry for the pose estimate every so many ticks while driven: often enough that
+            readings in between leave no trace in later estimates.
 
     Thread: every member is for the holder of the world's lock.
     """
@@ -74,7 +76,6 @@ class SimRobot:
         self._motion: WheelMotion | None = None
         self.next_pose: Pose2D = (0.0, 0.0, 0.0)
         self.clear_until_tick = 0
-        self.free: FreeRobots | None = None
         self._odometer: WheelOdometer | None = None
         self._calibration = WheelCalibration()
         self.localizer: Localizer | None = None
@@ -85,6 +86,7 @@ class SimRobot:
         self._wheels = SimWheels(make if noise else make.without_errors(), motion_generator)
         self._battery = SimBattery(make.battery, charge)
         self.tick_s = tick_s
+        self.report_ticks: Final = 2 if tick_s < _CLOSE_S else 1
         self._faults = HEALTHY
         self._now_s = now_s
         self._pose: Pose2D | None = None
@@ -172,8 +174,8 @@ class SimRobot:
         return np.random.default_rng([*self._seeds, zlib.crc32(sensor.encode())])
 
     @property
+    @override
     def normals(self) -> NormalNumbers:
-        """The random numbers of its wheels."""
         return self._wheels.normals
 
     @property
@@ -276,7 +278,7 @@ class SimRobot:
         for after in range(tick + 1, tick + ticks + 1):
             self.predict()
             self.arrive(self.next_pose)
-            if after % REPORT_TICKS == 0:
+            if after % self.report_ticks == 0:
                 self.report_odometry(after * self.tick_s)
             if self.is_done(after * self.tick_s):
                 return
@@ -287,8 +289,8 @@ class SimRobot:
         if self._odometer is not None:
             self.report(self._odometer.pose, now_s)
 
+    @override
     def report(self, odometry: Pose2D, now_s: float) -> None:
-        """Note a pose by odometry for the pose estimate."""
         if self.localizer is not None:
             self._reports.append((*odometry, now_s))
             if len(self._reports) >= _MOST_REPORTS:
@@ -318,13 +320,8 @@ class SimRobot:
             self.slipped_m += math.hypot(pose[0] - x_m, pose[1] - y_m) + abs(pose[2] - yaw_rad) * arm_m
         self._pose_before_last, self._last_pose, self._pose = self._last_pose, self._pose or pose, pose
 
-    def join(self, free: FreeRobots, ticks: int) -> FreeState[float] | None:
-        """Give its state to an array, if its next ticks are regular; return the state, or None.
-
-        Args:
-            free: has its state from now on, until `leave`.
-            ticks: how many ticks it must be able to drive there.
-        """
+    @override
+    def join(self, free: FreeRobots[Any], ticks: int) -> FreeState[float] | None:
         regular = self._motion.regular() if self._motion is not None else None
         if regular is None or regular.ticks < ticks or self._pose is None:
             return None
@@ -338,8 +335,8 @@ class SimRobot:
         limit_m = self.make.max_speed_m_s * self.tick_s
         return FreeState._make((*poses, *travel, limit_m, *regular, *odometer[0:3], 0.0))
 
+    @override
     def leave(self) -> None:
-        """Take its state back from the array, if one has it."""
         free, self.free = self.free, None
         if free is not None:
             free.remove(self)
@@ -350,13 +347,8 @@ class SimRobot:
         if self.free is not None:
             self.free.update(self)
 
+    @override
     def adopt(self, state: FreeState[float], ticks: int) -> None:
-        """Copy its state from an array.
-
-        Args:
-            state: the state.
-            ticks: driven there since the last copy.
-        """
         self._pose = self.next_pose = state[0:3]
         self._last_pose, self._pose_before_last = state[3:6], state[6:9]
         self._command_m = state[9:11]

@@ -23,7 +23,7 @@ from .free_robots import LEAST_WORK, MOST_TICKS, FreeRobots
 from .models import Make
 from .motion import NOMINAL, WheelMotion
 from .physics import ContactEngine, ContactSearch, ProximityReporter
-from .robot import REPORT_TICKS, SimRobot
+from .robot import SimRobot
 from .velocity_drive import VelocityDrive
 
 __all__ = ["EMPTY_ROOM", "SimBox", "SimWorld", "world_of"]
@@ -86,7 +86,7 @@ class SimWorld:
         self._waiting: list[SimRobot] = []
         self._without_start: set[SimRobot] = set()
         self._driven: list[SimRobot] = []
-        self._free = FreeRobots(self.tick_s)
+        self._free: FreeRobots[SimRobot] = FreeRobots(self.tick_s)
         self._tick_callbacks: list[TickCallback] = []
         self._groups = count(1)
         self.contacts: Final[list[Contact]] = [] if contacts is None else contacts
@@ -323,7 +323,7 @@ class SimWorld:
         stopped = self._engine.run_tick(pushing)
         for robot in robots:
             robot.arrive(stopped.get(robot, robot.next_pose) if stopped else robot.next_pose)
-            if self._tick % REPORT_TICKS == 0:
+            if self._tick % robot.report_ticks == 0:
                 robot.report_odometry(self._now_s())
         if self._proximity is not None:
             self._proximity.report(self._placed, self._tick)

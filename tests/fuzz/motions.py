@@ -15,6 +15,7 @@ from itertools import count
 from random import Random
 from types import ModuleType
 from typing import Any, Final, Protocol
+from unittest.mock import patch
 
 from eal_actors.kernel.errors import EALError
 from eal_actors.plugin import FleetServices, PluginContext
@@ -125,7 +126,8 @@ class FuzzedRobot:
         services = FleetServices(self.clock, seed, None, lambda *_: self._open_port())
         settings = driver.plugin.Settings.model_validate(dict(driver.settings))
         context = PluginContext("rob", driver.name, settings, services)
-        self.plugin = driver.plugin.connect(context)
+        with patch("secrets.randbelow", self._random.randrange):  # a host's identity is in the bytes that are damaged
+            self.plugin = driver.plugin.connect(context)
         self.base: Any = driver.plugin.create_Base(replace(context, plugin=self.plugin))
         self._order = count()
         self._due: list[tuple[float, int, Any]] = []

@@ -1,6 +1,6 @@
 """The EvBots' drivers over wires that damage bytes: `ok` is true, and nothing moves on.
 
-`make fuzz-motions` runs the long form and prints its table.
+`series.py` is the long form.
 """
 
 from __future__ import annotations
@@ -25,10 +25,3 @@ def _check(driver: FuzzedDriver, table: FuzzTable) -> None:
 @DRIVERS
 def test_damaged_bytes_never_become_wrong_motions(driver: FuzzedDriver) -> None:
     _check(driver, fuzz(driver, 10, SEED, Noise(0.005)))
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(7200)
-@DRIVERS
-def test_ten_thousand_motions_over_a_noisy_wire(driver: FuzzedDriver) -> None:
-    _check(driver, fuzz(driver, 10_000, SEED))

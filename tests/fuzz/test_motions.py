@@ -1,6 +1,6 @@
 """Motions over wires that damage bytes: what a driver answers is true, and nothing moves on.
 
-`make fuzz-motions` runs the long form and prints its table.
+`make fuzz-motions` runs the long form, `series.py`, and prints its table.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from tests.fuzz.motions import FuzzedDriver, FuzzedRobot, FuzzTable, Motion, fuz
 from tests.fuzz.noisy_wire import Line, Noise
 
 SEED = 1
-LONG = 10_000
 LOSS = Noise(0.01, ("drop",))
 SURVIVORS = {"roomba-sci-cable": 95, "roomba-oi-cable": 95, "roomba-sci-mote": 95}
 """Motions of 100 that survive at least. The others fail with an error, and the robot stands."""
@@ -42,6 +41,18 @@ def test_damaged_bytes_never_become_a_wrong_motion(name: str) -> None:
     _check(fuzz(DRIVERS[name], 10, SEED))
 
 
+@pytest.mark.parametrize("name", ["evbot2-cable", "roomba-sci-mote"])
+def test_a_seed_repeats_its_motions(name: str) -> None:
+    runs = []
+    for _ in range(2):
+        robot = FuzzedRobot(DRIVERS[name], SEED)
+        robot.wait(0.3)
+        robot.wire.noise = Noise(0.02)
+        runs.append([robot.move(Motion("f0.3", distance_m=0.3)) for _ in range(2)])
+        robot.close()
+    assert runs[0] == runs[1]
+
+
 @pytest.mark.parametrize(
     ("name", "poll_hz", "seed", "least"),
     [
@@ -56,13 +67,6 @@ def test_lost_bytes_become_neither_wrong_motions_nor_many_errors(
     table = fuzz(_polled(name, poll_hz), 10, seed, LOSS)
     _check(table)
     assert table.answers["ok"] >= least
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(7200)
-@pytest.mark.parametrize("name", DRIVERS)
-def test_damaged_bytes_never_become_a_wrong_motion_in_many(name: str) -> None:
-    _check(fuzz(DRIVERS[name], LONG, SEED))
 
 
 @pytest.mark.slow

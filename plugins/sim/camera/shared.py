@@ -8,6 +8,8 @@ from operator import attrgetter
 from typing import Final
 from weakref import WeakKeyDictionary
 
+from eal_actors.device.world import WorldModel
+
 from ..arena import Pose2D
 from ..robot import SimRobot
 from ..world import SimWorld
@@ -15,6 +17,8 @@ from .movers import BoxAt, Mover, RobotAppearance, RobotAt
 from .scene import Scene
 
 _scenes: Final[WeakKeyDictionary[SimWorld, Scene]] = WeakKeyDictionary()
+_latest: Final[list[tuple[WorldModel, Scene]]] = []
+"""The latest scene and its model: a proof or a sweep runs one world many times, and baking textures takes a second."""
 _scenes_lock: Final = threading.Lock()
 
 
@@ -23,7 +27,9 @@ def scene_of(world: SimWorld) -> Scene:
     with _scenes_lock:
         scene = _scenes.get(world)
         if scene is None:
-            scene = _scenes[world] = Scene(world.model)
+            known = (scene for model, scene in _latest if model == world.model)
+            scene = _scenes[world] = next(known, None) or Scene(world.model)
+            _latest[:] = [(world.model, scene)]
         return scene
 
 

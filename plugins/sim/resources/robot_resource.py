@@ -12,6 +12,7 @@ from ..robot import SimRobot
 from ..world import SimWorld
 
 _R = TypeVar("_R", bound=Resource)
+_V = TypeVar("_V")
 
 
 class RobotResource(Resource):
@@ -33,6 +34,11 @@ class RobotResource(Resource):
         self._world = world
         self._robot = robot
 
+    def _sense(self, sense: Callable[[float], _V]) -> tuple[_V, float]:
+        """Return a reading of the up-to-date world, and its time; `sense` takes the world's time in seconds."""
+        with self._world.caught_up() as now_s:
+            return sense(now_s), now_s
+
     def _read(self, sense: Callable[[float], Any], unit: str | None = None, frame: str | None = None) -> EALData:
         """Return a reading of the up-to-date world, with its time.
 
@@ -41,8 +47,7 @@ class RobotResource(Resource):
             unit: its unit.
             frame: its frame on the robot, such as `base`.
         """
-        with self._world.caught_up() as now_s:
-            value = sense(now_s)
+        value, now_s = self._sense(sense)
         return EALData.of(value, unit=unit, frame_id=frame and f"{self._robot.name}/{frame}", stamp_s=now_s)
 
 

@@ -5,16 +5,24 @@ from __future__ import annotations
 import json
 import math
 
+from typing_extensions import override
+
 from eal_actors.plugin import DataType, EALData, ResourceType, ValueInfo, config, config_setter, request
 
+from ...roomba.senses import (
+    BatteryReading,
+    BumpSensor,
+    CasterDropSensor,
+    CliffSensor,
+    PowerSensor,
+    WallSensor,
+)
 from ..robot import SimRobot
 from ..sensors import (
     MAX_RANGE_M,
     RAY_ANGLES_RAD,
     RAYS,
     Array,
-    Cliffs,
-    DroppedWheels,
     RayCaster,
     compass_rad,
     dropped_wheels,
@@ -29,146 +37,49 @@ from ..world import SimWorld
 from .ranging import RangingResource
 from .robot_resource import RobotResource
 
-_BOOL = ValueInfo(DataType.BOOL)
 
-
-class Battery(RobotResource):
+class Battery(RobotResource, PowerSensor):
     """The battery's charge, 0 to 1."""
 
-    types = ResourceType.SENSOR
-    value = ValueInfo(DataType.DOUBLE, None, 0, 1, description="fraction of the capacity that is left")
+    @override
+    def read_battery(self) -> tuple[BatteryReading, float]:
+        return self._sense(self._battery)
 
-    def get_value(self) -> EALData:
-        """Return the charge as a share of the capacity."""
-        return self._read(lambda _: float(self._robot.battery.fraction))
-
-    @request("voltage", ValueInfo(DataType.DOUBLE, "V"))
-    def voltage(self) -> EALData:
-        """Return the terminal voltage."""
-        return self._read(lambda _: self._robot.battery.voltage_v, "V")
-
-    @request("current", ValueInfo(DataType.DOUBLE, "A"))
-    def current(self) -> EALData:
-        """Return the charging current, negative while the battery is drained."""
-        return self._read(lambda _: self._robot.battery.current_a, "A")
-
-    @request("charge", ValueInfo(DataType.DOUBLE, "A h"))
-    def charge(self) -> EALData:
-        """Return the remaining charge."""
-        return self._read(lambda _: self._robot.battery.charge_ah, "A h")
-
-    @request("capacity", ValueInfo(DataType.DOUBLE, "A h"))
-    def capacity(self) -> EALData:
-        """Return the full charge."""
-        return self._read(lambda _: self._robot.battery.capacity_ah, "A h")
-
-    @request("temperature", ValueInfo(DataType.DOUBLE, "degC"))
-    def temperature(self) -> EALData:
-        """Return its temperature."""
-        return self._read(lambda _: self._robot.battery.temperature_c, "degC")
+    def _battery(self, _: float) -> BatteryReading:
+        found = self._robot.battery
+        return BatteryReading(*(getattr(found, field) for field in BatteryReading._fields))
 
 
-class Bump(RobotResource):
+class Bump(RobotResource, BumpSensor):
     """Whether something touches the front half of the robot."""
 
-    types = ResourceType.SENSOR
-    value = _BOOL
-
-    def get_value(self) -> EALData:
-        """Return whether any bumper is pressed now."""
-        return self._read(lambda _: any(self._pressed()))
-
-    @request("left", _BOOL)
-    def left(self) -> EALData:
-        """Return whether the left bumper is pressed; an obstacle straight ahead presses both."""
-        return self._read(lambda _: self._pressed()[0])
-
-    @request("right", _BOOL)
-    def right(self) -> EALData:
-        """Return whether the right bumper is pressed; an obstacle straight ahead presses both."""
-        return self._read(lambda _: self._pressed()[1])
-
-    def _pressed(self) -> tuple[bool, bool]:
-        return pressed_bumpers(self._robot)
+    @override
+    def read_flags(self) -> tuple[tuple[bool, ...], float]:
+        return self._sense(lambda _: pressed_bumpers(self._robot))
 
 
-class Cliff(RobotResource):
+class Cliff(RobotResource, CliffSensor):
     """Whether the floor falls away under the robot's front edge."""
 
-    types = ResourceType.SENSOR
-    value = _BOOL
-
-    def get_value(self) -> EALData:
-        """Return whether any of the four sensors sees a drop now."""
-        return self._read(lambda _: any(self._cliffs()))
-
-    @request("left", _BOOL)
-    def left(self) -> EALData:
-        """Return whether the sensor 60 degrees to the left sees a drop."""
-        return self._read(lambda _: self._cliffs().left)
-
-    @request("front_left", _BOOL)
-    def front_left(self) -> EALData:
-        """Return whether the sensor 20 degrees to the left sees a drop."""
-        return self._read(lambda _: self._cliffs().front_left)
-
-    @request("front_right", _BOOL)
-    def front_right(self) -> EALData:
-        """Return whether the sensor 20 degrees to the right sees a drop."""
-        return self._read(lambda _: self._cliffs().front_right)
-
-    @request("right", _BOOL)
-    def right(self) -> EALData:
-        """Return whether the sensor 60 degrees to the right sees a drop."""
-        return self._read(lambda _: self._cliffs().right)
-
-    def _cliffs(self) -> Cliffs:
-        return seen_cliffs(self._world, self._robot)
+    @override
+    def read_flags(self) -> tuple[tuple[bool, ...], float]:
+        return self._sense(lambda _: seen_cliffs(self._world, self._robot))
 
 
-class WheelDrop(RobotResource):
+class WheelDrop(RobotResource, CasterDropSensor):
     """Whether a wheel hangs over a drop."""
 
-    types = ResourceType.SENSOR
-    value = _BOOL
-
-    def get_value(self) -> EALData:
-        """Return whether any wheel has dropped."""
-        return self._read(lambda _: any(self._dropped()))
-
-    @request("left", _BOOL)
-    def left(self) -> EALData:
-        """Return whether the left wheel has dropped."""
-        return self._read(lambda _: self._dropped().left)
-
-    @request("right", _BOOL)
-    def right(self) -> EALData:
-        """Return whether the right wheel has dropped."""
-        return self._read(lambda _: self._dropped().right)
-
-    @request("caster", _BOOL)
-    def caster(self) -> EALData:
-        """Return whether the caster, the small wheel in front, has dropped."""
-        return self._read(lambda _: self._dropped().caster)
-
-    def _dropped(self) -> DroppedWheels:
-        return dropped_wheels(self._world, self._robot)
+    @override
+    def read_flags(self) -> tuple[tuple[bool, ...], float]:
+        return self._sense(lambda _: dropped_wheels(self._world, self._robot))
 
 
-class Wall(RobotResource):
+class Wall(RobotResource, WallSensor):
     """Whether something is within 5 cm of the hull at the right-hand side, a little ahead."""
 
-    types = ResourceType.SENSOR
-    value = _BOOL
-
-    def get_value(self) -> EALData:
-        """Return whether something is near at the right-hand side."""
-        return self._read(lambda _: is_wall_near(self._robot))
-
-    @request("virtual", _BOOL)
-    def virtual(self) -> EALData:
-        """Return whether a virtual wall's beam is seen; a simulated world has none."""
-        return self._read(lambda _: False)
+    @override
+    def read_flags(self) -> tuple[tuple[bool, ...], float]:
+        return self._sense(lambda _: (is_wall_near(self._robot), False))
 
 
 class Range(RangingResource):

@@ -13,13 +13,14 @@ from plugins.evbot2.base import Base
 from plugins.evbot2.connecting import start_session
 from plugins.evbot2.emulator import evbot2, free_vehicle
 from plugins.evbot2.firmware import BaseEmulator
-from plugins.evbot2.messages import OrderChannel
-from plugins.evbot2.protocol import MODEL, HostLineCodec
+from plugins.evbot2.messages import BaseRequest, OrderChannel
+from plugins.evbot2.protocol import MODEL, BaseLineCodec, HostLineCodec
 from plugins.evbot2.serving import FaultyWire
 from plugins.evbot2.vehicle import FreeVehicle
 from tests.manual_clock import HurriedClock
 
 TICK_S = 0.01
+STEP_M = 0.0005  # a count of an encoder
 
 
 class MemoryPort:
@@ -229,3 +230,10 @@ class Rig:
         before = self.body.travel_m()
         self.wait(duration_s)
         return self.body.travel_m() == before
+
+
+def sent_verbs(rig: Rig) -> list[str]:
+    """Return the verbs that were sent since the last call."""
+    requests = [request for request in BaseLineCodec().feed(bytes(rig.port.sent)) if isinstance(request, BaseRequest)]
+    rig.port.sent.clear()
+    return [request.verb.name for request in requests]

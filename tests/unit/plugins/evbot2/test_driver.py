@@ -14,22 +14,10 @@ from eal_actors.plugin import EALData
 from plugins.evbot2.emulator import evbot2
 from plugins.evbot2.messages import BaseRequest, Code, State, Verb
 from plugins.evbot2.odometry import Odometry
-from plugins.evbot2.protocol import BaseLineCodec, encode_request
+from plugins.evbot2.protocol import encode_request
 from plugins.evbot2.serving import FaultyWire
 from plugins.roomba.odometry import DeadReckoning
-from tests.unit.plugins.evbot2.rig import TICK_S, Rig
-
-STEP_M = 0.0005
-
-
-def sent_verbs(rig: Rig) -> list[str]:
-    """Return the verbs that were sent since the last call."""
-    requests = [request for request in BaseLineCodec().feed(bytes(rig.port.sent)) if isinstance(request, BaseRequest)]
-    rig.port.sent.clear()
-    return [request.verb.name for request in requests]
-
-
-# Motions.
+from tests.unit.plugins.evbot2.rig import STEP_M, TICK_S, Rig, sent_verbs
 
 
 @pytest.mark.parametrize(
@@ -96,40 +84,6 @@ def test_a_known_track_factor_makes_up_for_skidding() -> None:
     rig.base.set_config("track_factor", EALData.of(1.0))
     rig.do("l90")
     assert rig.body.pose[2] == pytest.approx(math.pi / 2 * (1 + 1 / 1.2), abs=0.01)  # 165 degrees
-
-
-def test_its_configuration_holds_for_later_commands() -> None:
-    rig = Rig()
-    for key, value in (("speed_m_s", 0.1), ("turn_rate_deg_s", 20.0), ("step_m", 0.2)):
-        rig.base.set_config(key, EALData.of(value))
-        assert rig.base.get_config(key) == value
-    begun_s = rig.clock.now()
-    rig.do("g")
-    assert 2.0 < rig.clock.now() - begun_s < 3.2
-    begun_s = rig.clock.now()
-    rig.do("r")
-    assert 4.5 < rig.clock.now() - begun_s < 5.5
-    assert rig.body.pose[0] == pytest.approx(0.2, abs=2 * STEP_M)
-
-
-@pytest.mark.parametrize(
-    ("key", "value"), [("speed_m_s", 0.41), ("speed_m_s", 0.0), ("turn_rate_deg_s", 121.0), ("wheelbase_m", 0.3)]
-)
-def test_what_the_make_does_not_reach_is_refused_before_anything_is_sent(key: str, value: float) -> None:
-    rig = Rig()
-    sent_verbs(rig)
-    with pytest.raises(ArgumentError):
-        rig.base.set_config(key, EALData.of(value))
-    assert sent_verbs(rig) == []
-
-
-@pytest.mark.parametrize("twist", [[0.41, 0.0], [0.0, 2.1], [math.nan, 0.0], [0.0, math.inf]])
-def test_a_twist_that_it_does_not_reach_is_refused_before_anything_is_sent(twist: list[float]) -> None:
-    rig = Rig()
-    sent_verbs(rig)
-    with pytest.raises(ArgumentError, match="which the evbot2 reaches"):
-        rig.run(rig.base.set_value(EALData.of(twist)))
-    assert sent_verbs(rig) == []
 
 
 def test_a_twist_ends_after_its_time_and_a_newer_one_takes_over_without_a_stop() -> None:
@@ -229,6 +183,34 @@ def test_an_order_that_is_not_acknowledged_fails_and_nothing_moves_after() -> No
     rig.port.is_cut = False
     assert rig.stands_for(3.0)
     rig.do("f0.1")
+
+
+@pytest.mark.parametrize("watchdog_s", [0.5, 2.0])
+def test_a_base_whose_answers_are_lost_is_stopped_when_its_driver_gives_up(watchdog_s: float) -> None:
+    rig = Rig(watchdog_s=watchdog_s)
+    rig.do("f0.1")
+    rig.port.is_deaf = True
+    motion = rig.start(rig.base.send_cmd("f5"))
+    with pytest.raises(UnavailableError, match="the base at memory does not acknowledge MOVE, sent 8 times"):
+        rig.result(motion)
+    rig.wait(0.4)  # it brakes
+    assert rig.stands_for(0.2)
+    rig.port.is_deaf = False
+    assert rig.stands_for(1.0)
+    rig.do("b0.1")
+
+
+def test_a_stop_of_a_lost_base_is_repeated_while_it_is_greeted() -> None:
+    rig = Rig(watchdog_s=2.0)
+    rig.do("f0.1")
+    rig.port.is_deaf = True
+    motion = rig.start(rig.base.send_cmd("f5"), 1.0)
+    rig.port.is_cut = True
+    with pytest.raises(UnavailableError):
+        rig.result(motion)
+    rig.port.is_cut = False
+    rig.wait(0.6)
+    assert rig.stands_for(0.2)
 
 
 def test_a_frozen_base_is_named_and_stands_when_it_wakes() -> None:

@@ -52,6 +52,17 @@ def test_it_falls_again_when_the_computer_is_idle_and_the_base_knows() -> None:
     assert not rig.device.is_busy
 
 
+def test_a_stop_that_waits_for_its_acknowledgement_is_no_slow_computer() -> None:
+    rig = Rig()
+    motion = rig.start(rig.base.send_cmd("f1"), 1.0)
+    rig.port.is_deaf = True
+    rig.close(motion)
+    rig.wait(0.3)
+    rig.port.is_deaf = False
+    rig.wait(0.3)
+    assert rig.session.watchdog_s == LEAST_S
+
+
 def test_it_is_never_longer_than_what_is_safe_nor_shorter_than_three_polls() -> None:
     time = WatchdogTime(None, 0.2)
     assert time.agreed_s == pytest.approx(0.6)

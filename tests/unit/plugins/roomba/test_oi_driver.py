@@ -15,7 +15,7 @@ from plugins.roomba.resources import OiWheelDrop, RoombaBattery, RoombaBump, Roo
 from plugins.roomba.sci import Mode
 from tests.unit.plugins.roomba.oi_rig import STREAM, OiRig
 
-STOP = bytes([145, 0, 0, 0, 0])
+STOP = bytes([145, 0, 0, 0, 0, 0])
 
 
 def yaw_deg(rig: OiRig) -> float:
@@ -122,6 +122,20 @@ def test_a_wheel_drop_while_turning_halts_and_the_next_command_takes_control_aga
     rig.wait(0.2)
     rig.do("f0.1")
     assert (rig.emulator.mode, rig.emulator.violations) == (Mode.SAFE, 0)
+
+
+@pytest.mark.parametrize("lost", range(5))
+def test_a_stop_that_loses_a_byte_leaves_nothing_that_the_next_command_could_complete(lost: int) -> None:
+    rig = OiRig()
+    rig.do("f0.1")
+    rig.take_sent()
+    rig.roomba.stop()
+    stop = rig.take_sent()
+    rig.emulator.feed(stop[:lost] + stop[lost + 1 :], rig.clock.now())
+    before = rig.body.travel_m()
+    rig.emulator.feed(STREAM, rig.clock.now())
+    rig.clock.advance(0.5)
+    assert rig.body.travel_m() == pytest.approx(before, abs=1e-4)
 
 
 def test_a_button_that_takes_it_out_of_control_ends_the_motion() -> None:

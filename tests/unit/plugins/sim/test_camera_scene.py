@@ -14,8 +14,11 @@ from eal_actors.device.world import SurfaceTexture as TextureModel
 from plugins.sim.camera.cutting import without_overlaps
 from plugins.sim.camera.light import SIDES, RoomLight
 from plugins.sim.camera.patterns import PatternCanvas, draw
+from plugins.sim.camera.shared import scene_of
 from plugins.sim.camera.solids import Block, Face, Plane
 from plugins.sim.camera.texture import PAD, Mipmap, samples
+from plugins.sim.world import SimWorld
+from tests.manual_clock import ManualClock
 from tests.unit.plugins.sim.sensing import room
 
 PALETTE = ((240, 235, 220), (200, 60, 50), (50, 90, 170), (240, 190, 60))
@@ -159,3 +162,14 @@ def test_a_cut_face_keeps_its_place_on_the_texture() -> None:
         pytest.approx((-2.0, 0.3, 0.0)),
         pytest.approx((0.7, 2.0, 2.7)),
     ]
+
+
+# The scene of a world.
+
+
+def test_equal_worlds_one_after_the_other_have_one_scene() -> None:
+    first, equal, other = (SimWorld(ManualClock(), 1, room(width_m)) for width_m in (2.0, 2.0, 2.5))
+    scene = scene_of(first)
+    assert scene_of(equal) is scene
+    assert scene_of(other) is not scene
+    assert scene_of(first) is scene

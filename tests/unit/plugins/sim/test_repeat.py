@@ -1,5 +1,6 @@
 """plugins/sim repeats itself: a robot's path depends on seed, name and motions, bit by bit, and on nothing else."""
 
+import math
 import os
 import random
 import subprocess
@@ -12,10 +13,12 @@ from typing import Any
 
 import pytest
 
+from eal_actors.device.localization.localizer import Localizer
 from eal_actors.device.world import WorldModel
 from eal_actors.kernel.errors import BlockedError
 from plugins.sim.models import MAKES, MakeName
 from plugins.sim.resources import Base
+from plugins.sim.resources.pose import Pose as SimPose
 from plugins.sim.robot import SimRobot
 from plugins.sim.world import SimWorld
 from tests.manual_clock import ManualClock
@@ -196,3 +199,27 @@ def test_a_robot_that_pushes_boxes_takes_the_same_path_bit_by_bit() -> None:
     path = path_of(INTO_THINGS, room=BOXES)
     assert path != path_of(INTO_THINGS)
     assert path_of(INTO_THINGS, room=BOXES, polls=random_waits(0.1), gaps=random_waits(0.0)) == path
+
+
+def pose_after(texts: list[str], polls: Waits | None) -> list[float]:
+    """Return the estimate after commands, in which somebody reads the estimate at intervals; None for nobody."""
+    clock = ManualClock()
+    world = SimWorld(clock, 7, ROOM)
+    robot = world.join("r1", MAKES["roomba"], noise=True, start=(0.0, 0.0, 0.0))
+    pose = SimPose(world, robot, Localizer("r1"), clock, is_calibrated=False)
+    due_s = math.inf if polls is None else 0.0
+    for wait_s in commands_of(Base(world, robot), texts, lambda: 0.0):
+        end_s = clock.now() + wait_s
+        while due_s < end_s and polls is not None:
+            clock.advance(max(0.0, due_s - clock.now()))
+            pose.get_value()
+            due_s += polls()
+        clock.advance(end_s - clock.now())
+    return [float(number) for number in pose.get_value().value]
+
+
+def test_readings_leave_no_trace_in_later_estimates() -> None:
+    texts = ["f0.4", "l75", "f0.3", "r30", "b0.4", "r90", "f0.5", "l60", "b0.3"]
+    quiet = pose_after(texts, None)
+    assert pose_after(texts, repeat(0.1).__next__) == quiet
+    assert pose_after(texts, random_waits(0.05)) == quiet
