@@ -195,11 +195,8 @@ class Tracker:
         for number in self._expected:
             last_s = self._seen_s.get(number, self._begun_s)
             if now_s - last_s > _UNSEEN_S:
-                text = (
-                    f"marker {number} is hidden or out of view"
-                    if number in self._seen_s
-                    else (f"marker {number} has never been in view")
-                )
+                where = "is hidden or out of view" if number in self._seen_s else "has never been in view"
+                text = f"marker {number} {where}"
                 problems.append(TrackingProblem("not_seen", "", number, text, last_s))
         self._problems.replace(["not_seen"], "", problems)
 
@@ -222,7 +219,8 @@ class Tracker:
         return tuple(fixes)
 
     def _log_problem(self, problem: TrackingProblem) -> None:
-        self._log.warning(problem.text, camera=problem.camera, kind=problem.kind)
+        about = {"camera": problem.camera} if problem.camera else {}
+        self._log.warning(problem.text, kind=problem.kind, **about)
 
 
 def _corners_on_floor(marker: FloorMarker) -> Floats:

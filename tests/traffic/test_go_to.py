@@ -4,6 +4,8 @@ import math
 
 import pytest
 
+from eal_actors.device.motion.closed_loop import PATIENCE_S
+from eal_actors.facade.traffic.plan_run import SILENCE_S
 from eal_actors.facade.traffic.trips import Journey
 from eal_actors.kernel.errors import (
     ArgumentError,
@@ -11,13 +13,15 @@ from eal_actors.kernel.errors import (
     CallCancelledError,
     DeadlineError,
     EALError,
+    NotReadyError,
     PlaceNotFoundError,
     PreemptedError,
     ResourceNotFoundError,
     RobotNotFoundError,
 )
 from eal_actors.testing import Simulation
-from tests.traffic.rig import Mishaps, floor, swap, travelling
+from tests.motion.rig import tracked
+from tests.traffic.rig import Mishaps, TravelWatch, floor, swap, travelling
 
 PERSON = {"kind": "circle", "x_m": 0.0, "y_m": 0.0, "radius_m": 0.2}
 TWO = {"a": ("evbot3", (-1.0, 0.0)), "b": ("evbot2", (1.0, 0.0))}
@@ -210,3 +214,56 @@ def test_a_closed_fleet_leaves_no_trip_behind() -> None:
     simulation.close()
     assert isinstance(journey.exception(), EALError)
     assert simulation.threads_left(10.0) == ()
+
+
+def test_a_robot_that_comes_nearer_between_its_stops_is_not_given_up() -> None:
+    """Its motors fail four times in half a metre of a corridor, each time for longer than it waits."""
+    with travelling({"a": ("evbot3", (-1.9, 0.0))}, floor(6, 0.9), 1) as watch:
+        journey = watch.simulation.fleet.go_to({"a": (1.7, 0.0)})
+        for x_m in (-1.38, -1.28, -1.18, -1.08):
+            watch.until(lambda x_m=x_m: watch.pose("a")[0] > x_m or journey.done())  # type: ignore[misc]
+            fail_motors(watch, "a", 5.6)
+        assert watch.until_done(journey) is None
+        assert watch.distance_m("a", (1.7, 0.0)) < 0.015
+
+
+def test_a_robot_that_is_held_near_its_goal_disturbs_nobody_and_goes_on() -> None:
+    """Its motors fail for 25 s: nothing is closed to the others, and no other way would lead to its goal."""
+    with travelling(TWO, floor(4, 4), 1) as watch:
+        journey = watch.simulation.fleet.go_to({"a": (0.0, 0.0), "b": (1.0, 1.2)})
+        watch.until(lambda: watch.distance_m("a", (0.0, 0.0)) < 0.05)
+        fail_motors(watch, "a", 25.0)
+        assert watch.until_done(journey) is None
+        assert watch.distance_m("a", (0.0, 0.0)) < 0.015
+
+
+def fail_motors(watch: TravelWatch, name: str, duration_s: float) -> None:
+    watch.simulation.inject(name, motor_left=0.0, motor_right=0.0)
+    end_s = watch.simulation.now_s + duration_s
+    watch.until(lambda: watch.simulation.now_s >= end_s)
+    watch.simulation.inject(name, motor_left=1.0, motor_right=1.0)
+
+
+@pytest.mark.parametrize(
+    ("silent_s", "arrives"), [(PATIENCE_S + 5.0, True), pytest.param(40.0, False, marks=pytest.mark.slow)]
+)
+def test_a_base_that_answers_again_within_15_s_is_sent_on(silent_s: float, arrives: bool) -> None:
+    """A driver at an emulated base: its own loop gives up after 5 s, and the traffic control tries it again."""
+    with tracked("evbot3", 0) as it:
+        it.fix()
+        journey = it.simulation.fleet.go_to({"robot": (1.5, 0.0)})
+        it.until_moving(journey)
+        it.simulation.inject("body", dead=True)
+        begun_s = it.simulation.now_s
+        while it.simulation.now_s < begun_s + silent_s and not journey.done():
+            it.simulation.advance(0.1)
+        if arrives:
+            assert it.robot["Base"].send_cmd("goto", [1.5, 0.0]).exception() is not None, "it is silent still"
+            it.simulation.clear_faults("body")
+            it.simulation.advance(0.5)
+            assert it.until_done(journey) is None
+            assert it.errors(1.5, 0.0, None)[0] < 0.02
+        else:
+            assert isinstance(journey.exception(), NotReadyError)
+            assert SILENCE_S <= it.simulation.now_s - begun_s < SILENCE_S + PATIENCE_S + 3.0
+            assert it.robot.not_ready

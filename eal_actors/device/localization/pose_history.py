@@ -92,8 +92,11 @@ class PoseHistory:
                 last.stamp_s, last.odometry, last.state = stamp_s, pose, None
                 return
         entries.append(_Entry(stamp_s, pose))
-        if len(entries) > _MOST_ENTRIES or stamp_s - entries[0].stamp_s > 2 * HISTORY_S:
-            self._forget(stamp_s - HISTORY_S)
+        kept_s = (
+            entries[-2].stamp_s if len(entries) > 1 else stamp_s
+        )  # the newest entry may move on, as after a reading
+        if len(entries) > _MOST_ENTRIES or kept_s - entries[0].stamp_s > 2 * HISTORY_S:
+            self._forget(kept_s - HISTORY_S)
 
     def restart(self, pose: Pose, stamp_s: float) -> None:
         """Continue from another pose by odometry; the robot has not moved."""
@@ -179,10 +182,12 @@ class PoseHistory:
         """Drop the entries before a time, but the last of them; without fixes among them, in a few steps."""
         entries = self._entries
         keep = max(self._place_before(until_s), len(entries) - _MOST_ENTRIES // 2)
-        if entries[keep].state is None and any(entry.fix is not None for entry in entries[: keep + 1]):
+        if any(entry.fix is not None for entry in entries[: keep + 1]):
             self.head()
-        if entries[keep].state is None:
+        else:  # also where a reading has computed the states: readings must not change later estimates
             entries[keep].state = self._merged(keep)
+            for entry in entries[keep + 1 :]:
+                entry.state = None
         del entries[:keep]
 
     def _merged(self, keep: int) -> FilterState:

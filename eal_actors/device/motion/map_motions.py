@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
-from eal_actors.device.data import DataType
+from eal_actors.device.data import DataType, EALData
 from eal_actors.device.info import ValueInfo
 from eal_actors.device.motion.closed_loop import ClosedLoop, MotionDevice
 from eal_actors.device.motion.route import Point, Route
 from eal_actors.device.motion.route_controller import MotionLimits, RouteController
-from eal_actors.device.resource import Activity, Resource, command, config, config_setter
+from eal_actors.device.resource import Activity, Resource, command, config, config_setter, request
 from eal_actors.kernel.errors import ArgumentError, UnsupportedError
 
 if TYPE_CHECKING:
@@ -28,6 +30,9 @@ MAX_PLACE_M: Final = 1e6
 
 _GOAL: Final = ValueInfo(DataType.DOUBLE, "m", shape=(None,), description="x_m, y_m and perhaps yaw_rad, in the map")
 _PATH: Final = ValueInfo(DataType.DOUBLE, "m", shape=(None, 2), description="waypoints x_m, y_m, in the map")
+_POSES: Final = ValueInfo(
+    DataType.DOUBLE, shape=(None, 3), description="x_m, y_m, yaw_rad in the map, from where the motion began to its end"
+)
 _UNCERTAINTY: Final = ValueInfo(DataType.DOUBLE, "m", 0.01, 100)
 
 
@@ -41,6 +46,7 @@ class MapMotions(Resource, ABC):
     def __init__(self, context: PluginContext | None) -> None:
         self._context = context
         self._max_uncertainty_m = 0.3
+        self._path: list[float] = []
 
     @abstractmethod
     def follow(self, speed_m_s: float, turn_rate_rad_s: float, timeout_s: float) -> Activity:
@@ -124,6 +130,27 @@ class MapMotions(Resource, ABC):
             raise ArgumentError("follow needs at least one waypoint of finite numbers x_m, y_m")
         return points
 
+    @request("path", _POSES)
+    def path(self) -> EALData:
+        """Return the poses along the running motion to a place or along waypoints; none if there is no such motion."""
+        return EALData(DataType.DOUBLE, self._path, is_ptr=True, frame_id="map")
+
+    def along(self, points: Sequence[Point], yaw_rad: float | None, motion: Activity) -> Activity:
+        """Return a motion whose path the request `path` answers while it runs.
+
+        Args:
+            points: where it begins, its waypoints and its end, in the map.
+            yaw_rad: the heading at its end; None for that of its arrival.
+            motion: the motion.
+        """
+        yaws = [math.atan2(y_m - from_y_m, x_m - from_x_m) for (from_x_m, from_y_m), (x_m, y_m) in pairwise(points)]
+        yaws.append(yaw_rad if yaw_rad is not None else yaws[-1])
+        self._path = [number for (x_m, y_m), yaw in zip(points, yaws, strict=True) for number in (x_m, y_m, yaw)]
+        try:
+            return (yield from motion)
+        finally:
+            self._path = []
+
     @config("max_uncertainty_m", _UNCERTAINTY)
     def max_uncertainty_m(self) -> float:
         """Greatest standard deviation of the position with which it drives to a place."""
@@ -142,7 +169,8 @@ class MapMotions(Resource, ABC):
                 raise ArgumentError(f"the place {x_m:g}, {y_m:g} is over {MAX_PLACE_M:g} m from the map's origin")
         clock, localizer, limits = self._context.clock, self._context.localizer, self.motion_limits()
         here = localizer.estimate(clock.now())
-        controller = RouteController(Route([(here.x_m, here.y_m), *points]), yaw_rad, limits)
+        path = [(here.x_m, here.y_m), *points]
+        controller = RouteController(Route(path), yaw_rad, limits)
         device = MotionDevice(
             clock=clock,
             estimate=localizer.estimate,
@@ -152,4 +180,4 @@ class MapMotions(Resource, ABC):
             halt=self.halt,
             report=self.progress,
         )
-        return ClosedLoop(device, controller, limits, self._max_uncertainty_m).run()
+        return self.along(path, yaw_rad, ClosedLoop(device, controller, limits, self._max_uncertainty_m).run())

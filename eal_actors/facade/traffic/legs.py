@@ -14,6 +14,8 @@ from eal_actors.facade.traffic.trips import Trip
 
 _PASSED_M: Final = 0.005
 """A robot so near a place has left the one before: the margin between hulls allows for it."""
+_GAIN_M: Final = 0.02
+"""A blocked robot that has come so much nearer to the next place has not tried in vain."""
 _LAST_MOVES: Final = 2
 """A robot that must stop for a new plan goes so many places further: it may be near the next one already."""
 _RETRY_S: Final = 1.0
@@ -35,7 +37,7 @@ class Leg:
     Attributes:
         done: the number of moves that are over.
         call: the running command; None while it has none.
-        tries: how often it was blocked at its present place.
+        tries: how often it was blocked since it last came nearer to the next place.
         has_arrived: whether it is at its goal, with the heading there.
     """
 
@@ -85,8 +87,13 @@ class Leg:
             self.call.cancel()
 
     @property
+    def is_at_last_move(self) -> bool:
+        """Whether only the move to its goal, or the turn there, is left."""
+        return self.done >= len(self.moves) - 1
+
+    @property
     def ends(self) -> tuple[Point, Point]:
-        """The place that it has left or stands on, and the next one."""
+        """Where it was blocked last, or the place that it has left or stands on; and the next one."""
         return self._places[self.done], self._places[min(self.done + 1, len(self.moves))]
 
     def send(self, done: Mapping[str, Leg]) -> None:
@@ -136,14 +143,14 @@ class Leg:
         call = self.call
         if call is None:
             return None
-        before = self.done
+        before, progress = self.done, call.progress()
+        share = (progress.fraction if progress is not None else None) or 0.0
         if not call.done():
-            progress = call.progress()
-            self._pass_places((progress.fraction if progress is not None else None) or 0.0)
+            self._pass_places(share)
         else:
             self.call = None
             if (error := call.exception()) is not None:
-                self._sent = self._sent_from = self.done  # what is left is to be sent again
+                self._note_failure(share)
                 return error
             if self.done == len(self.moves) and self._sent == self._sent_from:
                 self.has_arrived = True
@@ -152,11 +159,21 @@ class Leg:
             self.tries, self._absent_since_s = 0, None
         return None
 
-    def _pass_places(self, share: float) -> None:
+    def _note_failure(self, share: float) -> None:
+        """Note where the robot stands; what is left of its way is to be sent again."""
+        before, left_m = self._places[self.done], self._pass_places(share)
+        here, there = self.ends
+        part = min(left_m / max(math.dist(here, there), 1e-6), 1.0)
+        self._places[self.done] = there[0] + part * (here[0] - there[0]), there[1] + part * (here[1] - there[1])
+        if math.dist(before, self._places[self.done]) >= _GAIN_M:
+            self.tries, self._absent_since_s = 0, None
+        self._sent = self._sent_from = self.done
+
+    def _pass_places(self, share: float) -> float:
         """Count the places that the robot has passed, by the share of its way that it has reported.
 
-        The share is of the way from where the robot was when the command began, which is at most that from the place
-        before: so a place counts late rather than early.
+        Returns the distance to the next one. The share is of the way from where the robot was when the command began,
+        which is at most that from the place before: so a place counts late rather than early.
         """
         way = self._places[self._sent_from : self._sent + 1]
         lengths_m = [math.dist(here, there) for here, there in itertools.pairwise(way)]
@@ -165,3 +182,4 @@ class Leg:
         while self.done < self._sent - 1 and left_m <= after_m + _PASSED_M:
             self.done += 1
             after_m -= lengths_m[self.done - self._sent_from]
+        return left_m - after_m

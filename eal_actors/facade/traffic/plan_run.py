@@ -15,7 +15,9 @@ from eal_actors.kernel.errors import BlockedError, NotReadyError, UnavailableErr
 SILENCE_S: Final = 15.0
 """A robot on its way that reports nothing for so long has failed."""
 MOST_TRIES: Final = 3
-"""How often a blocked robot tries again before its way counts as closed; each try takes about 5 s."""
+"""How often a blocked robot tries before its way counts as closed; each try takes about 5 s."""
+MOST_TRIES_AT_GOAL: Final = 12
+"""The same on its last move: no other way leads to a goal that something covers."""
 _LOOK_S: Final = 1.0
 
 
@@ -117,10 +119,13 @@ class PlanRun:
             self._fail(leg, error)
             return False
         leg.tries += 1
-        if leg.tries < MOST_TRIES:
+        if leg.tries < (MOST_TRIES_AT_GOAL if leg.is_at_last_move else MOST_TRIES):
             return True
-        leg.trip.hindrance = error
-        self.blocked.append(leg)
+        if leg.is_at_last_move:
+            self._fail(leg, error)
+        else:
+            leg.trip.hindrance = error
+            self.blocked.append(leg)
         return False
 
     def _check_time(self) -> None:

@@ -148,3 +148,25 @@ def test_a_driver_without_its_motions_cannot_be_made() -> None:
 
     with pytest.raises(TypeError, match=r"drive.*follow.*turn"):
         Unfinished(TANK)  # type: ignore[abstract]
+
+
+def test_a_motion_tells_its_path_until_it_ends(base: Base) -> None:
+    def motion() -> Activity:
+        yield 0.1
+        return 1
+
+    def path() -> list[float]:
+        return list(base.send_req("path").value)
+
+    assert path() == []
+    running = base.along([(0.0, 0.0), (0.0, 2.0), (-1.0, 2.0)], None, motion())
+    next(running)
+    assert path() == pytest.approx([0.0, 0.0, math.pi / 2, 0.0, 2.0, math.pi, -1.0, 2.0, math.pi])
+    running.close()
+    assert path() == []
+    goal = base.along([(0.0, 0.0), (1.0, 0.0)], 0.5, motion())
+    next(goal)
+    assert path() == [0.0, 0.0, 0.0, 1.0, 0.0, 0.5]
+    with pytest.raises(StopIteration):
+        next(goal)
+    assert path() == []

@@ -129,7 +129,8 @@ class RoadmapBuilder:
         self._add_lattice()
         nodes = np.array(self._points, np.float64).reshape(-1, 2)
         self._add_bridges()
-        starts = [self._add_start(number, nodes) for number in numbers]
+        on_lattice = self._starts_on_lattice(nodes)
+        starts = [on_lattice[n] if n in on_lattice else self._add_start(n, nodes) for n in numbers]
         goals = [self._add_goal(number, nodes, starts[number]) for number in numbers]
         points = np.array(self._points, np.float64).reshape(-1, 2)
         neighbours: list[list[int]] = [[] for _ in points]
@@ -206,13 +207,32 @@ class RoadmapBuilder:
                 self._points += between
                 self._bridge_edges += itertools.pairwise(way)
 
+    def _starts_on_lattice(self, nodes: Floats) -> dict[int, int]:
+        """Return the place of the lattice of each traveller that starts so near it that it counts as there.
+
+        That place keeps the clearance from all other starts. Otherwise neither robot could leave: only a start off the
+        lattice has ways that lead away from others.
+        """
+        if not len(nodes):
+            return {}
+        at = np.array([traveller.start for traveller in self._travellers])
+        offsets_m = np.array([np.hypot(*(nodes - start).T) for start in at])
+        found = {
+            int(number): int(offsets_m[number].argmin())
+            for number in np.flatnonzero(offsets_m.min(axis=1) < _SAME_PLACE_M)
+        }
+        while True:
+            where = np.array([nodes[found[number]] if number in found else start for number, start in enumerate(at)])
+            apart_m = np.hypot(*(where[:, None] - where).T)
+            np.fill_diagonal(apart_m, math.inf)
+            too_near = [number for number in found if apart_m[number].min() < self._clearance_m - _ROUNDING_M]
+            if not too_near:
+                return found
+            for number in too_near:
+                del found[number]
+
     def _add_start(self, number: int, nodes: Floats) -> int:
         traveller = self._travellers[number]
-        others = [math.dist(other.start, traveller.start) for other in self._travellers if other is not traveller]
-        if len(nodes) and min(others, default=math.inf) >= self._clearance_m - 2 * _SAME_PLACE_M:
-            offsets_m = np.hypot(*(nodes - traveller.start).T)
-            if offsets_m.min() < _SAME_PLACE_M:
-                return int(offsets_m.argmin())
         for share in _START_SHARES:
             grid = self._inflated_by(share * traveller.radius_m)
             if grid.is_free(*traveller.start):

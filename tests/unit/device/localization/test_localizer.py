@@ -85,3 +85,15 @@ def test_a_pose_that_is_set_counts_from_now_on() -> None:
     localizer.place(-2.0, 3.0, math.pi)
     localizer.odometry(1.5, 0.0, 0.0, 2.0)
     assert localizer.estimate(2.0).numbers()[:2] == pytest.approx([-2.5, 3.0])
+
+
+def test_readings_leave_no_trace_in_later_estimates() -> None:
+    quiet, read = begun(), begun()
+    for step in range(1, 801):
+        x_m, y_m, yaw_rad, stamp_s = 0.01 * step, 0.003 * step, 0.002 * step, 0.02 * step
+        read.odometry(x_m - 0.005, y_m - 0.0015, yaw_rad - 0.001, stamp_s - 0.01)  # as a driver's refresh adds
+        read.estimate(stamp_s)
+        for localizer in (quiet, read):
+            localizer.odometry(x_m, y_m, yaw_rad, stamp_s)
+        if step % 200 == 0:
+            assert quiet.estimate(stamp_s) == read.estimate(stamp_s)

@@ -57,6 +57,14 @@ def test_two_robots_swap_places() -> None:
     carry_out(plan_traffic(grid, travellers), travellers, grid, 1)
 
 
+@pytest.mark.parametrize("off_m", [0.0, 0.004, 0.008])
+def test_neighbours_that_stand_nearly_on_the_lattice_leave(off_m: float) -> None:
+    """One starts 3 cm off a place of the lattice, the other near the next place, which is within the clearance."""
+    grid = room(0, 6.0, 0)
+    travellers = _travellers((1.22, 1.246, -1.65, 2.0), (1.25, 0.75 - off_m, -1.65, 0.0), radius_m=0.2)
+    carry_out(plan_traffic(grid, travellers), travellers, grid, 1)
+
+
 def test_robots_pass_a_door_that_is_off_the_lattice() -> None:
     """The door is 0.45 m wide, the robots 0.3 m, and the lattice is where most of its places are free."""
     for left in (20, 23, 26):
