@@ -13,6 +13,7 @@ from eal_actors.plugin import (
     Clock,
     DataType,
     Resource,
+    ResourceFaultError,
     ResourceType,
     UnavailableError,
     UnsupportedError,
@@ -21,13 +22,13 @@ from eal_actors.plugin import (
 )
 
 from .link import MavLink
-from .protocol import PX4, guided_mode, mode_parameters
+from .protocol import OFFBOARD, PX4, guided_mode, mode_parameters
 from .settings import Settings
 
 _POLL_S: Final = 0.05
 _CONFIRM_S: Final = 5.0
-_STREAM: Final = 20
-"""Set-points that PX4 wants to have seen before it switches to OFFBOARD."""
+_STREAM_S: Final = 1.0
+"""How long PX4 must have received set-points before it switches to OFFBOARD."""
 _ALTITUDE: Final = ValueInfo(DataType.DOUBLE, "m", 0.1, 500)
 
 
@@ -49,12 +50,17 @@ def make_guided(link: MavLink, vehicle: str) -> Activity:
 def switch(link: MavLink, vehicle: str, name: str) -> Activity:
     """Switch the mode; raises what `make_guided` raises, and ArgumentError."""
     parameters = mode_parameters(link.autopilot(), vehicle, name)
-    if link.autopilot() == PX4 and name == "OFFBOARD":
-        for _ in range(_STREAM):
-            link.send_velocity(0.0, 0.0)
-            yield _POLL_S
+    if link.autopilot() == PX4 and name == OFFBOARD:
+        link.keep_offboard(_CONFIRM_S)
+        yield _STREAM_S
     yield from link.command(f"switch to {name}", mavlink.MAV_CMD_DO_SET_MODE, *parameters)
     yield from _until(lambda: link.mode() == name, f"is in {name}")
+
+
+def check_guided(link: MavLink) -> None:
+    """Raise ResourceFaultError if the vehicle has left the mode that takes set-points, or is disarmed."""
+    if not link.is_armed() or link.mode() != guided_mode(link.autopilot()):
+        raise ResourceFaultError(f"halted: the vehicle was taken over, it is in {link.mode()}")
 
 
 def _until(condition: object, what: str) -> Activity:
@@ -131,8 +137,14 @@ class Autopilot(Resource):
 
     def _climb(self, metres: float) -> Activity:
         yield from make_guided(self._link, self._settings.vehicle)
-        yield from self._link.command("take off", mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, metres)
+        start = self._link.reading()
+        by_position = self._link.autopilot() == PX4  # the altitude of its take-off command is above the sea
+        if not by_position:
+            yield from self._link.command("take off", mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, metres)
         while abs(self._link.reading().altitude_m - metres) > 0.2:
+            if by_position:
+                check_guided(self._link)
+                self._link.send_position(start.x_m, start.y_m, metres, None)
             self.progress(self._link.reading().altitude_m / metres)
             yield _POLL_S
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any, Final
 
@@ -17,7 +18,7 @@ from eal_actors.plugin import (
     wrapped_rad,
 )
 
-from .autopilot import make_guided
+from .autopilot import check_guided, make_guided
 from .fence import Fence
 from .link import MavLink, VehicleReading
 from .protocol import guided_mode
@@ -89,16 +90,19 @@ class Base(VelocityBase):
     def go_to(self, goal: Any) -> Activity:
         numbers = self.goal_numbers(goal)
         here = self._link.reading()
-        self._check_way((here.x_m, here.y_m), (numbers[0], numbers[1]))
-        return self._guided(self._fly_to(numbers[0], numbers[1], numbers[2] if len(numbers) > 2 else None))
+        path = [(here.x_m, here.y_m), (numbers[0], numbers[1])]
+        self._check_way(*path)
+        yaw_rad = numbers[2] if len(numbers) > 2 else None
+        return self._guided(self.along(path, yaw_rad, self._fly_to(numbers[0], numbers[1], yaw_rad)))
 
     @override
     def follow_path(self, path: Any) -> Activity:
         points = self.path_points(path)
         here = self._link.reading()
-        for start, end in zip([(here.x_m, here.y_m), *points], points, strict=False):
+        path = [(here.x_m, here.y_m), *points]
+        for start, end in itertools.pairwise(path):
             self._check_way(start, end)
-        return self._guided(self._fly_along(points))
+        return self._guided(self.along(path, None, self._fly_along(points)))
 
     def _check_way(self, start: tuple[float, float], end: tuple[float, float]) -> None:
         if self._fence is not None and not self._fence.contains_way(start, end):
@@ -131,8 +135,7 @@ class Base(VelocityBase):
                     nearest_m, nearer_s = min(left_m, nearest_m), self._clock.now()
                 elif self._clock.now() - nearer_s > _STUCK_S:
                     raise ResourceFaultError(f"halted: it comes no nearer than {nearest_m:.2f} m in {_STUCK_S:g} s")
-                if not self._link.is_armed() or self._link.mode() != guided_mode(self._link.autopilot()):
-                    raise ResourceFaultError(f"halted: the vehicle was taken over, it is in {self._link.mode()}")
+                check_guided(self._link)
                 self._link.send_position(x_m, y_m, begin.altitude_m, yaw_rad)
                 self.progress(None if whole_m < _NEAR_M else 1.0 - left_m / whole_m)
                 yield _PERIOD_S

@@ -38,6 +38,7 @@ _READ_S: Final = 0.01
 _HEARTBEAT_S: Final = 1.0
 _MOST_READS: Final = 50
 """Reads in a turn of the thread, so that a flood does not keep our heartbeat back."""
+_PAUSE_S: Final = 0.2
 _RATE_US: Final = 50_000
 _TRIES: Final = 3
 _TRY_S: Final = 1.0
@@ -137,6 +138,8 @@ class MavLink:
         self._reading: VehicleReading | None = None
         self._attitude: tuple[float, float] | None = None
         self._is_asked = False
+        self._set_point_s = -math.inf
+        self._kept_until_s: float | None = None
         self._texts: list[str] = []
         self._localizer.attach(_NOISE, not_ready=self.why_not_ready)
         self._end = threading.Event()
@@ -170,10 +173,21 @@ class MavLink:
                         self._take(message)
                 if not is_heard and "HEARTBEAT" in self._newest:  # before it, a datagram has no address to go to
                     is_heard, next_s = True, 0.0
+                self._fill_pause()
             except EALError:  # the port is reopened
                 continue
             except Exception:  # noqa: BLE001  # the thread is the dead-man: it must outlive every message
                 self._log.exception("a MAVLink message was not understood")
+
+    def _fill_pause(self) -> None:
+        """Send a velocity of zero in a pause between set-points, while OFFBOARD is to be kept."""
+        now_s = self._clock.now()
+        if self._kept_until_s is None or now_s - self._set_point_s < _PAUSE_S:
+            return
+        if now_s > self._kept_until_s and self.mode() != protocol.OFFBOARD:
+            self._kept_until_s = None
+        else:
+            self.send_velocity(0.0, 0.0)
 
     def _ask_for_rates(self) -> None:
         if not self._is_asked and "HEARTBEAT" in self._newest:
@@ -283,6 +297,16 @@ class MavLink:
         """
         self._set_point(protocol.BODY_NED, protocol.VELOCITY_MASK, (0.0, 0.0, 0.0), speed_m_s, 0.0, -turn_rate_rad_s)
 
+    def keep_offboard(self, timeout_s: float) -> None:
+        """Fill pauses between set-points with a velocity of zero: PX4 leaves OFFBOARD after a second without any.
+
+        It ends when the vehicle is in another mode.
+
+        Args:
+            timeout_s: seconds of the fleet's clock until the vehicle must be in OFFBOARD.
+        """
+        self._kept_until_s = self._clock.now() + timeout_s
+
     def send_position(self, x_m: float, y_m: float, altitude_m: float, yaw_rad: float | None) -> None:
         """Send a place in the map to drive or fly to.
 
@@ -296,7 +320,8 @@ class MavLink:
     def _set_point(
         self, frame: int, mask: int, place: tuple[float, float, float], vx: float, yaw: float, yaw_rate: float
     ) -> None:
-        system, time_ms = self._settings.system_id, int(self._clock.now() * 1000) & 0xFFFFFFFF
+        self._set_point_s = self._clock.now()
+        system, time_ms = self._settings.system_id, int(self._set_point_s * 1000) & 0xFFFFFFFF
         message = self._codec.set_position_target_local_ned_encode(
             time_ms, system, 1, frame, mask, *place, vx, 0.0, 0.0, 0.0, 0.0, 0.0, yaw, yaw_rate
         )

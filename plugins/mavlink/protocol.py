@@ -3,7 +3,7 @@
 The vehicle's frame is local NED: x north, y east, z down. The fleet's map is x east, y north: the headings differ by a
 quarter, and the turns have opposite signs.
 
-Source: https://mavlink.io/en/messages/common.html; the modes: ArduPilot's and PX4's documents of flight modes.
+Source: https://mavlink.io/en/messages/common.html; the modes are pymavlink's tables.
 """
 
 from __future__ import annotations
@@ -11,9 +11,13 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from pymavlink import mavutil
+
 from eal_actors.plugin import ArgumentError, wrapped_rad
 
 PX4: Final = 12
+OFFBOARD: Final = "OFFBOARD"
+"""PX4's mode that takes set-points."""
 GROUND_STATION: Final = 6
 ARMED: Final = 128
 CUSTOM_MODE: Final = 1
@@ -26,37 +30,18 @@ POSITION_MASK: Final = 0b0000_1101_1111_1000
 POSE_MASK: Final = 0b0000_1001_1111_1000
 """The position and the yaw count."""
 
-_PX4_MODES: Final = {
-    "MANUAL": (1, 0),
-    "POSCTL": (3, 0),
-    "LOITER": (4, 3),
-    "RTL": (4, 5),
-    "LAND": (4, 6),
-    "OFFBOARD": (6, 0),
-}
-_ROVER_MODES: Final = {"MANUAL": 0, "HOLD": 4, "AUTO": 10, "RTL": 11, "GUIDED": 15}
-_COPTER_MODES: Final = {
-    "STABILIZE": 0,
-    "ALT_HOLD": 2,
-    "AUTO": 3,
-    "GUIDED": 4,
-    "LOITER": 5,
-    "RTL": 6,
-    "LAND": 9,
-    "BRAKE": 17,
-}
-
 
 def _custom_modes(autopilot: int, vehicle: str) -> dict[str, int]:
     """Return the modes of an autopilot by their names."""
     if autopilot == PX4:
-        return {name: main << 16 | sub << 24 for name, (main, sub) in _PX4_MODES.items()}
-    return _COPTER_MODES if vehicle == "copter" else _ROVER_MODES
+        return {name: main << 16 | sub << 24 for name, (_, main, sub) in mavutil.px4_map.items()}
+    numbers = mavutil.mode_mapping_acm if vehicle == "copter" else mavutil.mode_mapping_rover
+    return {name: number for number, name in numbers.items()}
 
 
 def guided_mode(autopilot: int) -> str:
     """Return the mode in which an autopilot takes set-points."""
-    return "OFFBOARD" if autopilot == PX4 else "GUIDED"
+    return OFFBOARD if autopilot == PX4 else "GUIDED"
 
 
 def mode_name(autopilot: int, vehicle: str, custom_mode: int) -> str:
@@ -75,8 +60,7 @@ def mode_parameters(autopilot: int, vehicle: str, name: str) -> tuple[float, flo
     if name not in modes:
         raise ArgumentError(f"there is no mode {name!r}; the autopilot has {', '.join(sorted(modes))}")
     if autopilot == PX4:
-        main, sub = _PX4_MODES[name]
-        return float(CUSTOM_MODE), float(main), float(sub)
+        return float(CUSTOM_MODE), float(modes[name] >> 16 & 0xFF), float(modes[name] >> 24)
     return float(CUSTOM_MODE), float(modes[name]), 0.0
 
 

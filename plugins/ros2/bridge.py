@@ -12,12 +12,13 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from eal_actors import EALData, EALError, Fleet, Future, ResourceHandle, RobotHandle
+from eal_actors import EALData, EALError, Fleet, Future, RobotHandle
 from eal_actors.plugin import DataError, Field, PluginSettingsModel, get_logger
 from eal_actors.recording.sampler import Sampler, SampleSpec
 
@@ -32,6 +33,8 @@ _TICK_S: Final = 0.02
 _SILENCE_S: Final = 0.5
 """Real seconds without a velocity after which a robot is halted and released."""
 _LOG_S: Final = 10.0
+_PLAN_S: Final = 0.5
+"""Real seconds between two messages of a motion's path."""
 _PICTURE_S: Final = 30.0
 """Deadline of a picture: the first one of a simulated camera takes seconds on a busy machine."""
 
@@ -66,7 +69,7 @@ def open_bridge(fleet: Fleet, settings: BridgeSettings) -> Iterator[str]:
     config = None if settings.zenoh_config is None else Path(settings.zenoh_config)
     session = RosSession(settings.router, settings.domain, fleet.clock, config)
     try:
-        steps: list[CameraFeed | VelocityFollower] = []
+        steps: list[SubscribedFeed | VelocityFollower] = []
         specs = []
         topics = FleetTopics(types, fleet.clock)
         for robot in fleet.values():
@@ -75,9 +78,14 @@ def open_bridge(fleet: Fleet, settings: BridgeSettings) -> Iterator[str]:
                 if not topics.add(node, resource):
                     continue
                 if resource.info.is_camera:
-                    steps.append(CameraFeed(session, topics, resource, 1.0 / settings.camera_rate_hz))
+                    topic, ask = topics.topic_of(resource), partial(resource.get_value, timeout_s=_PICTURE_S)
+                    publish = partial(topics.publish, resource)
+                    steps.append(SubscribedFeed(session, topic, 1.0 / settings.camera_rate_hz, ask, publish))
                 else:
                     specs.append(SampleSpec(resource, 1.0 / settings.rate_hz))
+            if _tells_path(robot):
+                topic, ask = topics.add_plan(node, robot.name), partial(robot[_BASE].send_req, "path")
+                steps.append(SubscribedFeed(session, topic, _PLAN_S, ask, partial(topics.publish_plan, robot.name)))
             if settings.drive and _takes_twist(robot):
                 twist = types.message("geometry_msgs/msg/Twist")
                 steps.append(VelocityFollower(robot, node.subscription("cmd_vel", twist)))
@@ -96,8 +104,12 @@ def _takes_twist(robot: RobotHandle) -> bool:
     return "set_value" in info.methods and info.value is not None and info.value.shape == (2,)
 
 
+def _tells_path(robot: RobotHandle) -> bool:
+    return _BASE in robot and any(request.name == "path" for request in robot[_BASE].info.requests)
+
+
 @contextmanager
-def _stepping(steps: Sequence[CameraFeed | VelocityFollower]) -> Iterator[None]:
+def _stepping(steps: Sequence[SubscribedFeed | VelocityFollower]) -> Iterator[None]:
     """Step followers and feeds in a thread; at the end every driven robot is halted."""
     end = threading.Event()
 
@@ -117,31 +129,46 @@ def _stepping(steps: Sequence[CameraFeed | VelocityFollower]) -> Iterator[None]:
             one.let_go()
 
 
-class CameraFeed:
-    """Publishes a camera's pictures while somebody subscribes to them: a picture costs much. Thread: one at a time."""
+class SubscribedFeed:
+    """Publishes what costs much to ask for, while somebody subscribes to its topic. Thread: one at a time.
 
-    def __init__(self, session: RosSession, topics: FleetTopics, camera: ResourceHandle, period_s: float) -> None:
+    Args:
+        session: of the bridge.
+        topic: fully qualified.
+        period_s: real seconds from one message to the next.
+        ask: asks for the content.
+        publish: publishes it.
+    """
+
+    def __init__(
+        self,
+        session: RosSession,
+        topic: str,
+        period_s: float,
+        ask: Callable[[], Future[EALData]],
+        publish: Callable[[EALData], object],
+    ) -> None:
         self._session = session
-        self._topics = topics
-        self._camera = camera
-        self._topic = topics.topic_of(camera)
+        self._topic = topic
         self._period_s = period_s
+        self._ask = ask
+        self._publish = publish
         self._due_s = 0.0
         self._answer: Future[EALData] | None = None
 
     def step(self) -> None:
-        """Publish a picture that has arrived, or ask for the next one."""
+        """Publish content that has arrived, or ask for the next one."""
         if self._answer is not None:
             if self._answer.done():
                 answer, self._answer = self._answer, None
                 if answer.exception() is None:
-                    self._topics.publish(self._camera, answer.get())
+                    self._publish(answer.get())
         elif time.perf_counter() >= self._due_s and self._session.entities(graph.SUBSCRIPTION, self._topic):
             self._due_s = time.perf_counter() + self._period_s
-            self._answer = self._camera.get_value(timeout_s=_PICTURE_S)
+            self._answer = self._ask()
 
     def let_go(self) -> None:
-        """Do nothing: a camera does not move."""
+        """Do nothing: a feed moves nothing."""
 
 
 class VelocityFollower:

@@ -33,6 +33,7 @@ class FleetTopics:
         self._transforms: dict[str, RosPublisher] = {}
         self._odometry: dict[str, Pose] = {}
         self._topics: dict[tuple[str, str], str] = {}
+        self._plans: dict[str, RosPublisher] = {}
 
     def add(self, node: RosNode, resource: ResourceHandle) -> bool:
         """Publish a resource; returns False if its values are no message."""
@@ -47,10 +48,15 @@ class FleetTopics:
             self._transforms[resource.robot] = node.publisher("/tf", self._types.message("tf2_msgs/msg/TFMessage"))
         return True
 
+    def add_plan(self, node: RosNode, robot: str) -> str:
+        """Publish the paths of a robot's motions; returns the fully qualified topic."""
+        self._plans[robot] = node.publisher("plan", self._types.message("nav_msgs/msg/Path"))
+        return node.full_name("plan")
+
     @property
     def count(self) -> int:
-        """The number of published resources."""
-        return len(self._publishers)
+        """The number of published resources and paths."""
+        return len(self._publishers) + len(self._plans)
 
     def topic_of(self, resource: ResourceHandle) -> str:
         """Return the fully qualified topic of a resource that was added."""
@@ -60,14 +66,23 @@ class FleetTopics:
         """Publish a value; a sink of a Sampler."""
         publisher, fill = self._publishers[resource.robot, resource.name]
         age_s = 0.0 if data.stamp_s is None else max(0.0, self._clock.now() - data.stamp_s)
-        sec, nanosec = divmod(time.time_ns() - int(age_s * 1e9), 10**9)
-        stamp = {"sec": sec, "nanosec": nanosec}
+        stamp = _stamp(age_s)
         try:
             publisher.publish(fill(data, stamp))
             self._publish_transform(resource, data, stamp)
         except EALError as error:  # the router is gone, or a value is none
             get_logger(robot=resource.robot).debug("not published", resource=resource.name, reason=error.message)
         return True
+
+    def publish_plan(self, robot: str, path: EALData) -> None:
+        """Publish the path of a robot's motion, as Base answers it; without poses while it has none."""
+        header = {"stamp": _stamp(0.0), "frame_id": "map"}
+        numbers = map(float, path.value)
+        poses = [{"header": header, "pose": _pose(pose)} for pose in zip(numbers, numbers, numbers, strict=True)]
+        try:
+            self._plans[robot].publish({"header": header, "poses": poses})
+        except EALError as error:  # the router is gone
+            get_logger(robot=robot).debug("its path is not published", reason=error.message)
 
     def _choose(
         self, node: RosNode, resource: ResourceHandle
@@ -117,6 +132,12 @@ def ros_name(name: str) -> str:
     return found if found[:1].isalpha() else f"r_{found}"
 
 
+def _stamp(age_s: float) -> Fields:
+    """Return the wall-clock time of that many seconds ago."""
+    sec, nanosec = divmod(time.time_ns() - int(age_s * 1e9), 10**9)
+    return {"sec": sec, "nanosec": nanosec}
+
+
 def _is_scan(info: ResourceInfo) -> bool:
     """Return whether values are distances along rays, whose angles can be asked."""
     value = info.value
@@ -140,11 +161,15 @@ def _position(pose: Pose) -> tuple[Fields, Fields]:
     return {"x": x_m, "y": y_m}, {"z": math.sin(yaw_rad / 2), "w": math.cos(yaw_rad / 2)}
 
 
+def _pose(pose: Pose) -> Fields:
+    position, orientation = _position(pose)
+    return {"position": position, "orientation": orientation}
+
+
 def _pose_message(name: str, frame: str, child: str) -> tuple[str, Callable[[EALData, Fields], Fields]]:
     def fill(data: EALData, stamp: Fields) -> Fields:
         x_m, y_m, yaw_rad = map(float, data.value)
-        position, orientation = _position((x_m, y_m, yaw_rad))
-        pose = {"position": position, "orientation": orientation}
+        pose = _pose((x_m, y_m, yaw_rad))
         header = {"stamp": stamp, "frame_id": frame}
         if name == "Odometry":
             return {"header": header, "child_frame_id": child, "pose": {"pose": pose}}

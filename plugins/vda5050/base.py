@@ -77,11 +77,16 @@ class Base(DifferentialBase):
     @override
     def go_to(self, goal: Any) -> Activity:
         numbers = self.goal_numbers(goal)
-        return self._order([(numbers[0], numbers[1], numbers[2] if len(numbers) > 2 else None)])
+        return self._go_along([(numbers[0], numbers[1], numbers[2] if len(numbers) > 2 else None)])
 
     @override
     def follow_path(self, path: Any) -> Activity:
-        return self._order([(x_m, y_m, None) for x_m, y_m in self.path_points(path)])
+        return self._go_along([(x_m, y_m, None) for x_m, y_m in self.path_points(path)])
+
+    def _go_along(self, goals: Sequence[Place]) -> Activity:
+        here = self._link.position()
+        path = [(here.x, here.y), *((x_m, y_m) for x_m, y_m, _ in goals)]
+        return self.along(path, goals[-1][2], self._order(goals))
 
     @override
     def drive(self, distance_m: float, speed_m_s: float) -> Activity:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from eal_actors import EALError, Future, RobotHandle
+from eal_actors import EALData, EALError, Future, RobotHandle
 from eal_actors.plugin import get_logger
 
 from .messages import AgvAction, Node
@@ -34,7 +34,8 @@ class OrderDriver:
         self._driving: tuple[Node, Future[Any]] | None = None
         self._working: tuple[AgvAction, Future[Any]] | None = None
         self._waiting: list[AgvAction] = []
-        self._usual_m_s: float | None = None
+        self._usual: Future[EALData] | None = None
+        self._restoring: Future[int] | None = None
 
     @property
     def is_driving(self) -> bool:
@@ -60,7 +61,7 @@ class OrderDriver:
         """
         self._hear_of_node()
         self._hear_of_action()
-        if is_held or self.is_busy:
+        if not self._is_restored() or is_held or self.is_busy:
             return
         if self._waiting:
             self._begin_action(self._waiting.pop(0))
@@ -79,7 +80,10 @@ class OrderDriver:
         """Halt the robot, and forget the order."""
         self.stop()
         self._book.cancel()
-        for action in self._waiting if self._working is None else [*self._waiting, self._working[0]]:
+        if self._working is not None:
+            self._waiting.append(self._working[0])
+            self._working[1].cancel()
+        for action in self._waiting:
             self._report.set_action(action, "FAILED", "cancelled")
         self._waiting, self._working = [], None
         self._let_go()
@@ -93,9 +97,17 @@ class OrderDriver:
             self._pass(node)
             return
         if edge is not None and edge.max_speed is not None:
-            if self._usual_m_s is None:
-                self._usual_m_s = float(base.get_config("speed_m_s", timeout_s=_CONFIG_S).get().value)
-            base.set_config("speed_m_s", min(self._usual_m_s, edge.max_speed))
+            if self._usual is None:
+                self._usual = base.get_config("speed_m_s", timeout_s=_CONFIG_S)
+            if not self._usual.done():  # other vehicles do not wait for it
+                return
+            try:
+                usual_m_s = float(self._usual.get().value)
+            except EALError as error:
+                self._usual = None
+                self._fail(node, error)
+                return
+            base.set_config("speed_m_s", min(usual_m_s, edge.max_speed))
         goal = [position.x, position.y] if position.theta is None else [position.x, position.y, position.theta]
         self._driving = node, base.send_cmd("goto", goal, timeout_s=_DRIVE_S)
         self._report.is_due = True
@@ -109,8 +121,11 @@ class OrderDriver:
         if error is None:
             self._pass(node)
         else:
-            ids = {"orderId": self._book.order_id, "nodeId": node.node_id}
-            self._report.add("drivingError", str(error), level="FATAL", **ids)
+            self._fail(node, error)
+
+    def _fail(self, node: Node, error: BaseException) -> None:
+        ids = {"orderId": self._book.order_id, "nodeId": node.node_id}
+        self._report.add("drivingError", str(error), level="FATAL", **ids)
 
     def _pass(self, node: Node) -> None:
         self._book.passed(node)
@@ -149,10 +164,17 @@ class OrderDriver:
 
     def _let_go(self) -> None:
         """Restore the usual speed, and release the robot for other controllers."""
-        try:
-            if self._usual_m_s is not None:
-                self._robot[BASE].set_config("speed_m_s", self._usual_m_s, timeout_s=_CONFIG_S).get()
-            self._robot.release(BASE)
-        except EALError as error:
-            self._log.warning("the robot is not released", reason=error.message)
-        self._usual_m_s = None
+        usual, self._usual = self._usual, None
+        if usual is None or not usual.done() or usual.exception() is not None:
+            self._robot.release()
+        else:
+            self._restoring = self._robot[BASE].set_config("speed_m_s", usual.get().value, timeout_s=_CONFIG_S)
+
+    def _is_restored(self) -> bool:
+        """Return whether nothing is left of the last order; release the robot once its speed is restored."""
+        if self._restoring is not None and self._restoring.done():
+            if (error := self._restoring.exception()) is not None:
+                self._log.warning("its usual speed is not restored", reason=str(error))
+            self._restoring = None
+            self._robot.release()
+        return self._restoring is None

@@ -1,4 +1,4 @@
-"""LiveView: serves a fleet's poses, values, pictures, arena, states and log to viewers, in the schemas of `run.mcap`.
+"""LiveView: serves a fleet's poses, paths, values, pictures, arena, states and log to viewers, as `run.mcap` has them.
 
 The server is foxglove-sdk's. It keeps a bounded backlog for each viewer and drops the oldest messages of a slow one, so
 a viewer never delays the fleet. Only channels that a viewer shows are filled.
@@ -12,7 +12,8 @@ import itertools
 import json
 import logging
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from types import TracebackType
 from typing import Any, Final, Self
 
@@ -46,6 +47,7 @@ _VALUE_PERIOD_S: Final = 0.2
 _STATE_TURNS: Final = 3
 _ANSWER_S: Final = 30.0
 """Deadline of a value: the first picture of a simulated camera takes seconds on a busy machine."""
+_BASE: Final = "Base"
 _STATE_TOPIC: Final = "/state"
 _TRANSFORMS_TOPIC: Final = "/tf"
 _LOG_TOPIC: Final = "/log"
@@ -81,13 +83,18 @@ class LiveView:
             if name is not None
         ]
         self._values = [value for value in self._sensors() if value.name != self._paths[value.robot]]
+        self._bases = [
+            fleet[robot][_BASE]
+            for robot, infos in self._infos.items()
+            if _BASE in infos and any(request.name == "path" for request in infos[_BASE].requests)
+        ]
         self._angles = scanner_angles(self._infos, [SampleSpec(value, _VALUE_PERIOD_S) for value in self._values])
         self._transforms: dict[str, Message] = {}
         self._newest_s: dict[str, float] = {}
         self._scenes = self._make_scenes()
         self._control = ViewerControl(fleet) if allow_control else None
         self._sampler = Sampler(fleet.clock, self._poses, self._add_pose)
-        self._pending: dict[ResourceHandle, Future[EALData]] = {}
+        self._pending: dict[str, tuple[Future[EALData], Callable[[EALData], None]]] = {}
         self._over = new_waiter()
         self._thread = threading.Thread(target=self._run, name="foxglove", daemon=True)
         self._server: Any = None
@@ -104,6 +111,8 @@ class LiveView:
             self._channel(topic, schemas.SCENE)
         for resource in (*self._values, *(spec.resource for spec in self._poses)):
             self._channel(topic_of(resource), self._schema_of(resource))
+        for base in self._bases:
+            self._channel(_plan_topic(base), schemas.POSES)
         controls = [Capability.ClientPublish, Capability.Parameters] if self._control is not None else []
         listener: Any = _ViewerListener(self, self._control)  # it has the callbacks of its capabilities alone
         try:
@@ -204,17 +213,24 @@ class LiveView:
 
     def _read_values(self) -> None:
         """Send the values that have arrived, and ask for those that a viewer shows: a camera costs much."""
-        for resource, answer in list(self._pending.items()):
+        for topic, (answer, send) in list(self._pending.items()):
             if answer.done():
-                del self._pending[resource]
+                del self._pending[topic]
                 if answer.exception() is None:
-                    self._send_value(resource, answer.get())
-        wanted = [
-            value
-            for value in self._values
-            if value not in self._pending and self._channels[topic_of(value)].has_sinks()
-        ]
-        self._pending.update(zip(wanted, read_many(wanted, _ANSWER_S), strict=True))
+                    send(answer.get())
+        wanted = [value for value in self._values if self._is_wanted(topic_of(value))]
+        for value, answer in zip(wanted, read_many(wanted, _ANSWER_S), strict=True):
+            self._pending[topic_of(value)] = answer, partial(self._send_value, value)
+        for base in self._bases:
+            if self._is_wanted(topic := _plan_topic(base)):
+                self._pending[topic] = base.send_req("path", timeout_s=_ANSWER_S), partial(self._send_plan, topic)
+
+    def _is_wanted(self, topic: str) -> bool:
+        return topic not in self._pending and self._channels[topic].has_sinks()
+
+    def _send_plan(self, topic: str, path: EALData) -> None:
+        time_s = self._wall_s(self._fleet.clock.now())
+        self._log(topic, schemas.POSES, messages.poses_message(time_s, path.value), time_s)
 
     def _send_value(self, resource: ResourceHandle, data: EALData) -> None:
         if resource.name in POSE_RESOURCES:
@@ -273,6 +289,10 @@ class LiveView:
         """Show a line of the log. Thread: any; does not block."""
         time_s = self._wall_s(self._fleet.clock.now())
         self._log(_LOG_TOPIC, schemas.LOG, messages.log_message(time_s, level, robot, text), time_s)
+
+
+def _plan_topic(base: ResourceHandle) -> str:
+    return f"/{base.robot}/plan"
 
 
 class _LogLines(logging.Handler):

@@ -16,6 +16,7 @@ from eal_actors.kernel.clock import REAL_TIME, wall_time
 from eal_actors.kernel.errors import UnavailableError
 from eal_actors.kernel.log import get_logger
 from eal_actors.operate.foxglove import LiveView
+from eal_actors.recording import messages
 from tests.operate.foxglove.viewer import RECEIVE_S, Viewer
 
 ROUNDS = 10
@@ -58,17 +59,22 @@ def test_every_channel_has_messages_of_its_schema_and_of_today(tmp_path: Path) -
         LiveView(fleet, port=0) as view,
         Viewer(view.url) as viewer,
     ):
-        topics = ["/tf", "/state", "/robots", "/r1/Lidar", "/r1/Camera", "/r2/Pose", "/r2/Battery"]
+        topics = ["/tf", "/state", "/robots", "/r1/Lidar", "/r1/Camera", "/r2/Pose", "/r2/Battery", "/r2/plan"]
+        fleet["r2"]["Base"].send_cmd("goto", [-8.0, 8.0, 1.5])
         viewer.subscribe(*topics)
         found: dict[str, Any] = {}
         for shown in viewer.messages():
-            found[shown.topic] = shown
+            if shown.message.get("poses") != []:  # the motion has not begun
+                found[shown.topic] = shown
             if set(found) == set(topics):
                 break
         for topic, shown in found.items():
             schema = json.loads(viewer.channels[topic]["schema"])
             jsonschema.validate(shown.message, schema)
             assert abs(shown.time_ns / 1e9 - wall_time().timestamp()) < RECEIVE_S
+        end = found["/r2/plan"].message["poses"][-1]
+        pose = end["position"]["x"], end["position"]["y"], messages.yaw_of(end["orientation"])
+        assert pose == pytest.approx((-8.0, 8.0, 1.5))
         assert {entity["frame_id"] for entity in found["/robots"].message["entities"]} == {"r1/base", "r2/base"}
         assert viewer.channels["/tf"]["schemaName"] == "foxglove.FrameTransforms"
         assert viewer.info["capabilities"] == []

@@ -2,13 +2,20 @@
 
 It takes set-points in GUIDED when armed, stops when velocities cease for a second, holds when the ground station's
 heartbeat ceases for five, and answers commands. Its motion is exact: the true path is its own.
+
+`Px4Vehicle` has PX4's modes and rules.
+
+Source: ArduPilot's documents of guided modes; PX4's of flight modes and of Offboard, and its px4_custom_mode.h.
 """
 
 from __future__ import annotations
 
+import contextlib
 import math
+import os
 import threading
-from typing import Any
+import tty
+from typing import Any, Self
 
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import common as mavlink
@@ -22,22 +29,56 @@ MODES = {"rover": (10, 15, 4), "copter": (2, 4, 17)}
 """MAV_TYPE, GUIDED and the mode in which it holds."""
 
 
+def connection(address: str) -> Any:
+    """Return pymavlink's end of a vehicle: `udpout:HOST:PORT` or `tcpin:HOST:PORT`."""
+    return mavutil.mavlink_connection(address, source_system=1, source_component=1, dialect="common")
+
+
+class SerialWire(mavutil.mavfile):  # type: ignore[misc]  # pymavlink has no types
+    """A pseudo-terminal: the ground station opens `path`."""
+
+    def __init__(self) -> None:
+        mavutil.set_dialect("common")
+        self.port, self._other = os.openpty()
+        tty.setraw(self.port)
+        os.set_blocking(self.port, False)
+        self.path = os.ttyname(self._other)
+        super().__init__(self.port, self.path, source_system=1, source_component=1)
+
+    def recv(self, n: int | None = None) -> bytes:
+        with contextlib.suppress(BlockingIOError):
+            return os.read(self.port, n or self.mav.bytes_needed())
+        return b""
+
+    def write(self, data: bytes) -> None:
+        with contextlib.suppress(BlockingIOError):  # nobody reads
+            os.write(self.port, data)
+
+    def close(self) -> None:
+        os.close(self.port)
+        os.close(self._other)
+
+
 class Vehicle:
-    """A rover or copter at the other end of a UDP port.
+    """A rover or copter.
 
     Args:
-        port: where the ground station listens.
+        wire: the UDP port where the ground station listens; or a connection of pymavlink.
         kind: rover or copter.
         pose: x east, y north in m, yaw counter-clockwise from east.
         speed_m_s: at which it goes to positions.
     """
 
+    autopilot = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+
     def __init__(
-        self, port: int, kind: str = "rover", pose: tuple[float, float, float] = (0.0, 0.0, 0.0), speed_m_s: float = 1.0
+        self,
+        wire: int | Any,
+        kind: str = "rover",
+        pose: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        speed_m_s: float = 1.0,
     ) -> None:
-        self.wire: Any = mavutil.mavlink_connection(
-            f"udpout:127.0.0.1:{port}", source_system=1, source_component=1, dialect="common"
-        )
+        self.wire: Any = connection(f"udpout:127.0.0.1:{wire}") if isinstance(wire, int) else wire
         self.type, self._guided, self._hold = MODES[kind]
         self.pose, self.altitude_m = pose, 0.0
         self.path = [pose[:2]]
@@ -54,7 +95,7 @@ class Vehicle:
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
-    def __enter__(self) -> Vehicle:
+    def __enter__(self) -> Self:
         self._thread.start()
         return self
 
@@ -84,7 +125,7 @@ class Vehicle:
 
     def heartbeat(self) -> None:
         mode = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (mavlink.MAV_MODE_FLAG_SAFETY_ARMED if self.is_armed else 0)
-        self.wire.mav.heartbeat_send(self.type, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, mode, self.mode, 4)
+        self.wire.mav.heartbeat_send(self.type, self.autopilot, mode, self.mode, 4)
 
     def report(self, time_ms: int) -> None:
         x, y, yaw = self.pose
@@ -117,15 +158,23 @@ class Vehicle:
         elif number == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
             self.is_armed = message.param1 == 1
         elif number == mavlink.MAV_CMD_DO_SET_MODE:
-            self.mode = int(message.param2)
+            result = self.set_mode(int(message.param2), int(message.param3))
         elif number == mavlink.MAV_CMD_NAV_TAKEOFF:
-            self._vertical_m = message.param7
+            self._vertical_m = self.takeoff_m(message.param7)
         elif number == mavlink.MAV_CMD_NAV_LAND:
             self._vertical_m = 0.0
         elif number != mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
             result = mavlink.MAV_RESULT_UNSUPPORTED
         self.wire.mav.command_ack_send(number, result, 0, 0, system, component)
-        self.heartbeat()
+
+    def set_mode(self, mode: int, _: int) -> int:
+        """Switch the mode; returns the MAV_RESULT."""
+        self.mode = mode
+        return int(mavlink.MAV_RESULT_ACCEPTED)
+
+    def takeoff_m(self, parameter_m: float) -> float:
+        """Return the altitude above the start that a take-off means."""
+        return parameter_m
 
     def _move(self, now_s: float) -> None:
         if now_s - self._station_s > STATION_S and self.mode == self._guided:
@@ -145,11 +194,57 @@ class Vehicle:
         self.pose = x + speed * math.cos(middle) * TICK_S, y + speed * math.sin(middle) * TICK_S, yaw + rate * TICK_S
         self.path.append(self.pose[:2])
 
-    def _approach(self, x: float, y: float, _: float, yaw: float | None) -> None:
+    def _approach(self, x: float, y: float, altitude_m: float, yaw: float | None) -> None:
         """Turn to the goal, drive there, and turn to its yaw."""
+        if self.type == mavlink.MAV_TYPE_QUADROTOR:
+            self.altitude_m += max(-0.05, min(0.05, altitude_m - self.altitude_m))
         way = math.dist(self.pose[:2], (x, y))
         wanted = yaw if way < 0.02 else math.atan2(y - self.pose[1], x - self.pose[0])
         left = 0.0 if wanted is None else math.remainder(wanted - self.pose[2], math.tau)
         rate = max(-2.0, min(2.0, left / TICK_S))
         is_ahead = way >= 0.02 and abs(left) < 0.05
         self.twist = (min(self.speed_m_s, way / TICK_S) if is_ahead else 0.0), rate
+
+
+class Px4Vehicle(Vehicle):
+    """A vehicle with PX4.
+
+    It switches to OFFBOARD only while set-points arrive, and leaves it for LOITER when they cease. The altitude of a
+    take-off command is above the sea.
+
+    Attributes:
+        loss_s: PX4's COM_OF_LOSS_T.
+    """
+
+    autopilot = mavlink.MAV_AUTOPILOT_PX4
+    OFFBOARD = 6 << 16
+    LOITER = 4 << 16 | 3 << 24
+    MISSION = 4 << 16 | 4 << 24
+    SEA_M = 488.0
+
+    def __init__(self, wire: int | Any, kind: str = "rover", loss_s: float = 5.0) -> None:
+        super().__init__(wire, kind)
+        self._guided, self._hold, self.mode = self.OFFBOARD, self.LOITER, self.LOITER
+        self.loss_s = loss_s
+        self._streamed_s = -math.inf
+        self.streamed = 0
+
+    def _take(self, message: Any, now_s: float) -> None:
+        if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED":
+            self._streamed_s, self.streamed = now_s, self.streamed + 1
+        super()._take(message, now_s)
+
+    def set_mode(self, mode: int, sub_mode: int) -> int:
+        wanted = mode << 16 | sub_mode << 24
+        if wanted == self.OFFBOARD and REAL_TIME.now() - self._streamed_s > self.loss_s:
+            return int(mavlink.MAV_RESULT_DENIED)
+        self.mode = wanted
+        return int(mavlink.MAV_RESULT_ACCEPTED)
+
+    def takeoff_m(self, parameter_m: float) -> float:
+        return max(0.0, parameter_m - self.SEA_M)
+
+    def _move(self, now_s: float) -> None:
+        if self.mode == self.OFFBOARD and now_s - self._streamed_s > self.loss_s:
+            self.mode = self.LOITER
+        super()._move(now_s)

@@ -17,15 +17,16 @@ from pymavlink.dialects.v20 import common as mavlink
 from eal_actors import Fleet
 from eal_actors.actors.robot_view import RobotState
 from eal_actors.kernel.errors import ArgumentError, ResourceFaultError, UnavailableError
-from tests.unit.plugins.mavlink.rig import Vehicle
+from tests.unit.plugins.mavlink.rig import Px4Vehicle, SerialWire, Vehicle, connection
 from tests.unit.plugins.mqtt.rig import error_of, mqtt_fleet, until_ready, why
 from tests.unit.plugins.ros2.rig import free_port, wait_for
 
 CALL_S = 60.0
 
 
-def settings_of(port: int, **more: Any) -> dict[str, Any]:
-    return {"port": f"udp://127.0.0.1:{port}", "speed_m_s": 1.0, "turn_rate_deg_s": 90.0, **more}
+def settings_of(port: int | str, **more: Any) -> dict[str, Any]:
+    address = f"udp://127.0.0.1:{port}" if isinstance(port, int) else port
+    return {"port": address, "speed_m_s": 1.0, "turn_rate_deg_s": 90.0, **more}
 
 
 def ready(fleet: Fleet, robot: str) -> None:
@@ -58,6 +59,72 @@ def test_a_rover_is_armed_and_drives(tmp_path: Path) -> None:
         rover.refuses.add(mavlink.MAV_CMD_COMPONENT_ARM_DISARM)
         with pytest.raises(ResourceFaultError, match="refuses to disarm: MAV_RESULT_DENIED"):
             one["Autopilot"].send_cmd("disarm", timeout_s=CALL_S).get()
+
+
+def test_a_rover_drives_over_tcp(tmp_path: Path) -> None:
+    port = free_port()
+    rover = Vehicle(connection(f"tcpin:127.0.0.1:{port}"))
+    settings = settings_of(f"tcp://127.0.0.1:{port}", auto_arm=True)
+    with rover, mqtt_fleet(tmp_path, "mavlink", one=settings) as fleet:
+        drive_ahead(fleet, rover)
+
+
+def test_a_rover_drives_over_a_serial_line(tmp_path: Path) -> None:
+    wire = SerialWire()
+    settings = settings_of(wire.path, auto_arm=True)
+    with Vehicle(wire) as rover, mqtt_fleet(tmp_path, "mavlink", one=settings) as fleet:
+        drive_ahead(fleet, rover)
+
+
+def drive_ahead(fleet: Fleet, rover: Vehicle) -> None:
+    ready(fleet, "one")
+    assert fleet["one"]["Base"].send_cmd("f0.1", timeout_s=CALL_S).get() == 1
+    assert rover.pose[:2] == pytest.approx((0.1, 0.0), abs=0.05)
+
+
+def test_px4_is_kept_in_offboard_between_motions(tmp_path: Path) -> None:
+    """Without set-points PX4 leaves OFFBOARD, and no motion could begin."""
+    port = free_port()
+    with Px4Vehicle(port) as rover, mqtt_fleet(tmp_path, "mavlink", one=settings_of(port)) as fleet:
+        ready(fleet, "one")
+        autopilot, base = fleet["one"]["Autopilot"], fleet["one"]["Base"]
+        assert autopilot.get_value().get().value == "LOITER"
+        with pytest.raises(ArgumentError, match=r"no mode 'GUIDED'; the autopilot has .*MISSION.*OFFBOARD"):
+            autopilot.set_value("GUIDED", timeout_s=CALL_S).get()
+        assert rover.streamed == 0  # another program may command it
+        autopilot.send_cmd("guided", timeout_s=CALL_S).get()
+        assert (rover.mode, rover.is_armed) == (Px4Vehicle.OFFBOARD, True)
+        streamed = rover.streamed
+        wait_for(lambda: rover.streamed > streamed + 5, "set-points cease between motions")
+        until_ready(fleet, "one", "Base")
+        assert base.send_cmd("f0.3", timeout_s=CALL_S).get() == 1
+        assert rover.pose[:2] == pytest.approx((0.3, 0.0), abs=0.05)
+        rover.mode = Px4Vehicle.MISSION  # by a person at the remote control
+        why(fleet, "one", "Base", "in MISSION, not in OFFBOARD")
+        assert autopilot.get_value().get().value == "MISSION"
+        autopilot.set_value("POSCTL", timeout_s=CALL_S).get()
+        assert rover.mode == 3 << 16
+        streamed = rover.streamed
+        autopilot.set_value("LOITER", timeout_s=CALL_S).get()
+        assert rover.streamed == streamed
+
+
+@pytest.mark.slow
+def test_px4_takes_off_above_its_start_and_loiters_when_the_link_ends(tmp_path: Path) -> None:
+    """Its take-off command counts from the sea, so that it is flown by positions."""
+    port = free_port()
+    with Px4Vehicle(port, "copter", loss_s=1.0) as copter:
+        with mqtt_fleet(tmp_path, "mavlink", one=settings_of(port, vehicle="copter")) as fleet:
+            ready(fleet, "one")
+            autopilot = fleet["one"]["Autopilot"]
+            autopilot.send_cmd("takeoff2", timeout_s=CALL_S).get()
+            assert copter.altitude_m == pytest.approx(2.0, abs=0.25)
+            until_ready(fleet, "one", "Base")
+            assert fleet["one"]["Base"].send_cmd("goto", [0.5, 0.5], timeout_s=CALL_S).get() == 1
+            assert copter.altitude_m == pytest.approx(2.0, abs=0.25)
+            assert copter.mode == Px4Vehicle.OFFBOARD
+        wait_for(lambda: copter.mode == Px4Vehicle.LOITER, "it does not loiter")
+        assert copter.twist == (0.0, 0.0)
 
 
 @pytest.mark.slow

@@ -79,6 +79,27 @@ def test_robots_are_seen_and_driven_with_a_dead_man(peer: Ros2Peer, file: Path) 
             assert math.hypot(odom.x, odom.y) > 0
 
 
+def test_the_path_of_a_motion_is_shown_until_it_ends(peer: Ros2Peer, file: Path) -> None:
+    """Points and headings are those of the command; the first one is where the robot was."""
+    plans: list[Any] = []
+    with Fleet.load(file) as fleet:
+        bridge, settings = EALPluginManager().bridge("ros2", {"router": peer.endpoint})
+        with bridge.open_bridge(fleet, settings):
+            peer.subscriber("/roomba_1/plan", "nav_msgs/msg/Path", plans.append)
+            wait_for(lambda: bool(plans), "no path arrived")
+            assert len(plans[-1].poses) == 0
+            driving = fleet["roomba-1"]["Base"].send_cmd("follow", [1.0, 9.5, -8.0, 9.5])
+            wait_for(lambda: len(plans[-1].poses) > 0, "the path is not shown")
+            poses = [one.pose for one in plans[-1].poses]
+            assert [pose.position.x for pose in poses] == pytest.approx([1.0, 1.0, -8.0])
+            assert [pose.position.y for pose in poses] == pytest.approx([0.5, 9.5, 9.5])
+            yaws = [2 * math.atan2(pose.orientation.z, pose.orientation.w) for pose in poses]
+            assert yaws == pytest.approx([math.pi / 2, math.pi, math.pi])
+            assert plans[-1].header.frame_id == plans[-1].poses[0].header.frame_id == "map"
+            driving.cancel()
+            wait_for(lambda: len(plans[-1].poses) == 0, "the path stays")
+
+
 @pytest.mark.slow
 def test_the_command_runs_until_it_is_interrupted(peer: Ros2Peer, file: Path) -> None:
     command = [sys.executable, "-m", "eal_actors", "bridge", "ros2", "--fleet", str(file)]

@@ -185,6 +185,15 @@ class SdkMaster:
     def run(self, work: Coroutine[Any, Any, Any]) -> Any:
         return self._loop.run(work)
 
+    def state(self, serial: str) -> Any:
+        """Return the newest state of a vehicle; None before the first."""
+        return next((one for one in reversed(self.states) if one.serial_number == serial), None)
+
+    def dispatch(self, order: Any) -> None:
+        """Send an order, which its vehicle must accept."""
+        accepted = self.run(self.client.dispatch(order, f"{order.manufacturer}/{order.serial_number}"))
+        assert accepted.accepted, accepted
+
 
 class Judge:
     """Hears everything at a broker, and checks it against the published schemas."""
