@@ -22,7 +22,7 @@ from eal_actors.recording.provenance import keep_provenance, kept_world
 from eal_actors.recording.repair import repair_record
 from eal_actors.recording.report_page import render_report
 from eal_actors.recording.run_folder import RunFolder, folder_errors, new_run_folder
-from eal_actors.recording.run_recorder import Extent, RunRecorder
+from eal_actors.recording.run_recorder import Extent, RepeatedPast, RunRecorder
 
 __all__ = [
     "Difference",
@@ -31,6 +31,7 @@ __all__ = [
     "PathDeviation",
     "PoseRecorder",
     "PoseSample",
+    "RepeatedPast",
     "RunFolder",
     "RunRecorder",
     "compare_runs",

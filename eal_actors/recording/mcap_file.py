@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -26,6 +26,7 @@ RECORD_FILE: Final = "run.mcap"
 EVENTS_TOPIC: Final = "/events"
 ARENA_TOPIC: Final = "/arena"
 HULLS_TOPIC: Final = "/robots"
+TRANSFORMS_TOPIC: Final = "/tf"
 _CLOCK: Final = "clock"
 _START: Final = "start_ns"
 _LIBRARY: Final = "eal_actors"
@@ -103,14 +104,14 @@ class McapFile:
         self.newest_s[topic] = max(self.newest_s.get(topic, 0.0), (time_ns - self._start_ns) / _NS)
         self._writer.add_message(channel, log_time=time_ns, publish_time=time_ns, data=data)
 
-    def copy(self, path: Path, without: Collection[str] = ()) -> None:
+    def copy(self, path: Path, wanted: Callable[[str, float], bool]) -> None:
         """Append the readable part of another file; attachments and metadata that exist here are kept.
 
         Seconds since the start stay the same, so the part of a resumed run has times as if it had not been interrupted.
 
         Args:
             path: the other file.
-            without: topics to omit.
+            wanted: returns whether to copy a message, from its topic and its seconds since the start.
 
         Raises:
             ScenarioError: it is no MCAP file.
@@ -130,7 +131,7 @@ class McapFile:
                         channels[record.id] = record.topic, known[record.schema_id]
                     case Message():
                         topic, schema = channels[record.channel_id]
-                        if topic not in without:
+                        if wanted(topic, (record.log_time - start_ns) / _NS):
                             self._copy(topic, schema, record, self._start_ns - start_ns)
                     case Attachment():
                         self.attach(record.name, json.loads(record.data))
@@ -212,7 +213,7 @@ def write_path(file: McapFile, robot: str, resource: str, sample: PoseSample) ->
         OSError: it cannot be written.
     """
     write_pose(file, robot, resource, sample)
-    file.write("/tf", schemas.TRANSFORMS, sample.time_s, messages.transform_message(robot, sample))
+    file.write(TRANSFORMS_TOPIC, schemas.TRANSFORMS, sample.time_s, messages.transform_message(robot, sample))
 
 
 def write_event(file: McapFile, event: Mapping[str, Any]) -> None:

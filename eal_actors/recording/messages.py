@@ -101,6 +101,13 @@ def pose_message(sample: PoseSample) -> Message:
     return {"timestamp": _stamp(sample.time_s), "frame_id": WORLD_FRAME, "pose": pose}
 
 
+def poses_message(time_s: float, numbers: Sequence[float]) -> Message:
+    """Return a PosesInFrame in the world frame of x_m, y_m, yaw_rad of each pose."""
+    each = iter(numbers)
+    poses = [_pose(x_m, y_m, yaw_rad=yaw_rad) for x_m, y_m, yaw_rad in zip(each, each, each, strict=True)]
+    return {"timestamp": _stamp(time_s), "frame_id": WORLD_FRAME, "poses": poses}
+
+
 def transform_message(robot: str, sample: PoseSample) -> Message:
     """Return a FrameTransforms from the world to the robot's own frame."""
     return {"transforms": [transform_of(robot, sample)]}

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -74,13 +76,19 @@ def merge_record(run: RunFolder) -> float:
     try:
         for part in parts:
             if part.exists():
-                file.copy(part, without=[topic for topic in (ARENA_TOPIC, HULLS_TOPIC) if topic in file.counts])
+                known = frozenset(file.counts) & {ARENA_TOPIC, HULLS_TOPIC}
+                file.copy(part, partial(_is_new, known))
         _restore_lost(file, run)
     finally:
         file.close()
     unfinished.replace(parts[0])
     parts[1].unlink(missing_ok=True)
     return max(file.newest_s.values(), default=0.0)
+
+
+def _is_new(known: Collection[str], topic: str, _time_s: float) -> bool:
+    """Return whether a topic is not one of those that are written once."""
+    return topic not in known
 
 
 def _restore_lost(file: McapFile, run: RunFolder) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -21,7 +23,9 @@ from eal_actors.recording.mcap_file import (
     ARENA_TOPIC,
     HULLS_TOPIC,
     RECORD_FILE,
+    TRANSFORMS_TOPIC,
     McapFile,
+    pose_topic,
     write_event,
     write_path,
     write_pose,
@@ -54,6 +58,23 @@ Extent: TypeAlias = Literal["poses", "sensors", "all"]
 SENSOR_PERIOD_S: Final = 0.2
 FRAME_PERIOD_S: Final = 0.2
 RUN: Final = "run"
+_ROUNDING_S: Final = 0.0005
+"""Times in tables are rounded to a thousandth of a second."""
+
+
+@dataclass(frozen=True, slots=True)
+class RepeatedPast:
+    """The past of a run that repeats another run: its samples are copied, which is quicker than to take them again.
+
+    Attributes:
+        run: the other run.
+        until_s: samples before this time are copied, in seconds since the run's start, to a thousandth.
+        start_s: the run's start by the fleet's clock.
+    """
+
+    run: RunFolder
+    until_s: float
+    start_s: float
 
 
 class RunRecorder:
@@ -65,12 +86,20 @@ class RunRecorder:
         directory: the run's folder, which must exist. The record of an interrupted run is appended to; call
             `repair_record` first. Without the mcap library, which is logged, there is no `run.mcap`.
         extent: the extent of the samples.
+        past: the record of a past that is repeated; poses only.
 
     Raises:
         OSError: the file cannot be created.
     """
 
-    def __init__(self, fleet: Fleet, robots: Iterable[str], directory: Path, extent: Extent = "poses") -> None:
+    def __init__(
+        self,
+        fleet: Fleet,
+        robots: Iterable[str],
+        directory: Path,
+        extent: Extent = "poses",
+        past: RepeatedPast | None = None,
+    ) -> None:
         self._fleet = fleet
         self._clock = fleet.clock
         self._lock = threading.Lock()
@@ -83,10 +112,14 @@ class RunRecorder:
         self._table: TrajectoryTable | None = TrajectoryTable(directory / TRAJECTORY)
         self._newest_s: dict[str, float] = {}
         self._specs = tuple(self._specs_of(extent))
-        self._sampler = Sampler(fleet.clock, self._specs, self._add)
-        self._file = _new_file(directory)
+        self._past = past
+        from_s = -math.inf if past is None else past.start_s + past.until_s - POSE_PERIOD_S / 2
+        self._sampler = Sampler(fleet.clock, self._specs, self._add, from_s)
+        self._file = _new_file(directory, past)
 
     def __enter__(self) -> Self:
+        if self._past is not None:
+            self._copy(self._past)
         if self._file is not None:
             self._guarded(self._open)
             self._angles = scanner_angles(self._infos, self._specs)
@@ -129,6 +162,25 @@ class RunRecorder:
             file.write(ARENA_TOPIC, schemas.SCENE, 0.0, messages.scene_message(config.world))
         if radii_m := hull_radii_m(self._fleet, self._infos):
             file.write(HULLS_TOPIC, schemas.SCENE, 0.0, messages.hull_message(radii_m))
+
+    def _copy(self, past: RepeatedPast) -> None:
+        """Copy the samples of a repeated past; the file begins with them, and so has the start of the other run."""
+
+        def is_past(time_s: float) -> bool:
+            return round(time_s, 3) < past.until_s  # as in the table
+
+        for robot, path in past.run.paths.items():
+            name = path_resource(self._infos.get(robot, ()))
+            for sample in path:
+                if name is not None and self._table is not None and is_past(sample.time_s):
+                    self._table.add(robot, sample)
+                    self._newest_s[pose_topic(robot, name)] = sample.time_s + _ROUNDING_S
+        topics = {TRANSFORMS_TOPIC, *(topic_of(spec.resource) for spec in self._specs)}
+        file = past.run.path / RECORD_FILE
+        if self._file is not None and file.exists():
+            ours = self._file
+            self._guarded(lambda _: ours.copy(file, lambda topic, time_s: topic in topics and is_past(time_s)))
+            self._newest_s.update({topic: time_s + _ROUNDING_S for topic, time_s in ours.newest_s.items()})
 
     # Samples. Thread: the sampler's.
 
@@ -212,10 +264,11 @@ class RunRecorder:
             self._file = None
 
 
-def _new_file(directory: Path) -> McapFile | None:
+def _new_file(directory: Path, past: RepeatedPast | None) -> McapFile | None:
     path = directory / RECORD_FILE
+    has_start = past is not None and (past.run.path / RECORD_FILE).exists()
     try:
-        return McapFile(path if not path.exists() else directory / PART_FILE, wall_time())
+        return McapFile(path if not path.exists() else directory / PART_FILE, None if has_start else wall_time())
     except UnsupportedError as error:
         get_logger().warning("there will be no run.mcap", reason=error.message)
         return None

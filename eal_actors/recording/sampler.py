@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from types import TracebackType
@@ -38,11 +39,13 @@ class Sampler:
         clock: the fleet's clock.
         specs: what to sample.
         sink: receives each value. Thread: the sampler's own.
+        from_s: nothing is sampled before this time of the clock; the times of the samples are the same.
     """
 
-    def __init__(self, clock: Clock, specs: Iterable[SampleSpec], sink: SampleSink) -> None:
+    def __init__(self, clock: Clock, specs: Iterable[SampleSpec], sink: SampleSink, from_s: float = -math.inf) -> None:
         self._clock = clock
         self._sink = sink
+        self._from_s = from_s
         groups: dict[float, list[_SampledResource]] = {}
         for resource, period_s in specs:
             groups.setdefault(period_s, []).append(_SampledResource(resource, max(period_s, _ANSWER_S)))
@@ -64,7 +67,7 @@ class Sampler:
     def _run(self) -> None:
         if not self._groups:
             return
-        due_s = dict.fromkeys((period_s for period_s, _ in self._groups), self._clock.now())
+        due_s = {period_s: self._first_s(period_s) for period_s, _ in self._groups}
         stopped = False
         while not stopped:
             now_s = self._clock.now()
@@ -79,6 +82,13 @@ class Sampler:
             self._request(group)  # the final values
         for _, group in self._groups:
             self._collect(group, wait=True)
+
+    def _first_s(self, period_s: float) -> float:
+        """Return the time of the first sample; summed up as in `_run`, so that it has the same last bit."""
+        time_s = self._clock.now()
+        while time_s < self._from_s:
+            time_s += period_s
+        return time_s
 
     def _request(self, group: Sequence[_SampledResource]) -> None:
         due = [sampled for sampled in group if sampled.is_wanted and sampled.answer is None]

@@ -61,6 +61,7 @@ class MessageSchema(NamedTuple):
 
 
 POSE: Final = MessageSchema("foxglove.PoseInFrame", _object(timestamp=_TIME, frame_id=_TEXT, pose=_POSE))
+POSES: Final = MessageSchema("foxglove.PosesInFrame", _object(timestamp=_TIME, frame_id=_TEXT, poses=_list(_POSE)))
 TRANSFORMS: Final = MessageSchema("foxglove.FrameTransforms", _object(transforms=_list(_TRANSFORM)))
 _DATA: Final = {**_TEXT, "contentEncoding": "base64"}
 IMAGE: Final = MessageSchema(

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from eal_actors.recording import RunFolder, first_difference
+from eal_actors.recording.mcap_file import read_mcap
 
 FLEET = """\
     version: 1
@@ -53,11 +54,20 @@ def events_before(run: Path, time_s: float) -> list[str]:
     return [line for line in lines if json.loads(line)["time_s"] < time_s]
 
 
+def samples_before(run: Path, time_s: float) -> list[tuple[str, float, Any]]:
+    """Return all recorded poses and transforms before a time."""
+    found = [one for one in read_mcap(run / "run.mcap").messages if one.time_s < time_s]
+    poses = [one for one in found if one.topic == "/tf" or one.topic.endswith("Pose")]
+    return sorted(((one.topic, one.time_s, one.message) for one in poses), key=lambda one: one[:2])
+
+
 def test_a_branch_without_the_fault_has_the_same_past_and_ends_well(eal: Any, run: Path, tmp_path: Path) -> None:
     result = eal("branch", run, "--at", "1.2", "--without-fault", "ann.dead", "--json")
     assert result.exit_code == 0, result.output
     facts = json.loads(result.stdout)
     made = Path(facts["run"])
+    assert samples_before(run, 1.2) == samples_before(made, 1.2)  # copied at first, then sampled at the same times
+    assert len(samples_before(run, 0.2)) > 5
     assert facts["outcome"] == "done"
     assert events_before(run, 1.2) == events_before(made, 1.2)
     assert "ann at 1.6" in facts["first_difference"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,7 +22,8 @@ def compare_views(context: StepContext, *, before: str, after: str, save: str) -
 
     Args:
         context: of the step.
-        before: file name of the earlier picture.
+        before: file name of the earlier picture. With one `*` in place of a number that `after` has there, it is the
+            last picture before that; where there is none, nothing has changed.
         after: file name of the later picture.
         save: file name of a picture of both with boxes round the changes; written only if there are changes.
 
@@ -30,7 +32,7 @@ def compare_views(context: StepContext, *, before: str, after: str, save: str) -
 
     Raises:
         ScenarioError: the step is outside an `on`, the run keeps no files, a name leads out of the folder, or a picture
-            is missing, unreadable or of another shape.
+            is missing, unreadable or of another shape; or `after` is none of the pictures that `before` stands for.
     """
     if context.robot is None:
         raise ScenarioError("compare_views works on one robot: put it inside an `on`")
@@ -39,6 +41,11 @@ def compare_views(context: StepContext, *, before: str, after: str, save: str) -
     for name in (before, after, save):
         check_file_name(name)
     folder = context.directory / context.robot
+    if "*" in before:
+        found = _last_before(folder, before, after)
+        if found is None:
+            return {"things": 0, "share": 0.0}
+        before = found
     views = [_read_picture(folder / name) for name in (before, after)]
     try:
         changes = find_changes(*views)
@@ -48,6 +55,16 @@ def compare_views(context: StepContext, *, before: str, after: str, save: str) -
         _write_comparison(views, changes, folder / save)
         context.log(f"{after} is not as {before}: see {save}")
     return {"things": len(changes.boxes), "share": changes.share}
+
+
+def _last_before(folder: Path, pattern: str, after: str) -> str | None:
+    """Return the name with the greatest number below that of `after`, or None."""
+    numbered = re.compile(r"(\d+)".join(re.escape(part) for part in pattern.split("*", 1)))
+    if (own := numbered.fullmatch(after)) is None:
+        raise ScenarioError(f"{after} must be {pattern} with a number in place of one *")
+    found = [match for file in folder.glob(pattern) if (match := numbered.fullmatch(str(file.relative_to(folder))))]
+    earlier = [match for match in found if int(match[1]) < int(own[1])]
+    return max(earlier, key=lambda match: int(match[1]))[0] if earlier else None
 
 
 def _read_picture(file: Path) -> Image:

@@ -159,10 +159,12 @@ def find_seams(
 
 def _least_path(costs: Floats) -> NDArray[np.int64]:
     """Return the column of the cheapest path from the top to the bottom, (h,); costs (h, w)."""
-    sums = np.array(costs, np.float64)
-    for row in range(1, len(sums)):
-        above = np.pad(sums[row - 1], 1, constant_values=np.inf)
-        sums[row] += np.minimum(np.minimum(above[:-2], above[1:-1]), above[2:])
+    padded = np.pad(
+        np.asarray(costs, np.float64), ((0, 0), (1, 1)), constant_values=np.inf
+    )  # once: for each row it is slow
+    sums = padded[:, 1:-1]
+    for above, row in zip(padded, sums[1:], strict=False):
+        row += np.minimum(np.minimum(above[:-2], above[1:-1]), above[2:])
     path = np.empty(len(sums), np.int64)
     path[-1] = sums[-1].argmin()
     for row in range(len(sums) - 2, -1, -1):

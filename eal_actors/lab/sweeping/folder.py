@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
+from eal_actors.kernel import posix
 from eal_actors.kernel.errors import ScenarioError
-from eal_actors.kernel.posix import fcntl
 from eal_actors.lab.sweeping.results import SweepResult, read_result
 from eal_actors.lab.sweeping.sweep import Sweep, SweepJob
 from eal_actors.recording import RunFolder, keep_provenance
@@ -50,7 +50,7 @@ class SweepFolder:
             raise ScenarioError(f"the sweep's folder {self.path} cannot be written: {error}") from error
         with lock:
             try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                posix.lock(lock)
             except BlockingIOError:
                 raise ScenarioError(f"another sweep uses {self.path}; choose another folder with --out") from None
             if repeat:

@@ -60,3 +60,21 @@ def test_pictures_that_cannot_be_compared(tmp_path: Path) -> None:
         compare_views(step_context(tmp_path), before="0.png", after="0.png", save="changed.png")
     with pytest.raises(ScenarioError, match="keeps no files"):
         compare_views(step_context(robot="eye"), before="0.png", after="0.png", save="changed.png")
+
+
+def test_the_picture_before_is_the_last_one_with_a_smaller_number(tmp_path: Path) -> None:
+    for number, has_thing in ((1, True), (9, False), (10, True), (12, False)):
+        picture(tmp_path, f"{number}.door.png", has_thing)
+    picture(tmp_path, "changed.9.door.png", has_thing=True)
+    logged: list[str] = []
+    context = step_context(tmp_path, robot="eye", log=logged.append)
+    for number, things in ((1, 0), (9, 1), (10, 1)):
+        found = compare_views(context, before="*.door.png", after=f"{number}.door.png", save=f"seen.{number}.png")
+        assert found["things"] == things
+    assert logged == [
+        "9.door.png is not as 1.door.png: see seen.9.png",
+        "10.door.png is not as 9.door.png: see seen.10.png",
+    ]
+    for after in ("last.door.png", "10.gate.png"):
+        with pytest.raises(ScenarioError, match=r"must be \*\.door\.png with a number"):
+            compare_views(context, before="*.door.png", after=after, save="changed.png")
