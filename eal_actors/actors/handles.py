@@ -29,7 +29,7 @@ __all__ = ["CLOSE_TIMEOUT_S", "ResourceHandle", "RobotHandle", "close_robots"]
 
 CLOSE_TIMEOUT_S: Final = 5.0
 """Real time that a robot has to stop by itself before its stuck threads are abandoned."""
-_LOOK_S: Final = 0.25
+_LOOK_S: Final = 0.1
 
 
 class RobotHandle(RobotParts, Mapping[str, ResourceHandle]):
@@ -335,16 +335,21 @@ def _has_stopped(robot: RobotHandle, patience: _Patience) -> bool:
 
 
 class _Patience:
-    """A time limit in real seconds that begins anew whenever a thread of the process has ended."""
+    """A time limit in real seconds that begins anew whenever a thread of the process has ended.
+
+    A wait counts only as long as was asked for: one that ends later has waited for a processor, not for a robot.
+    """
 
     def __init__(self, limit_s: float) -> None:
-        self._limit_s = limit_s
+        self._limit_s = self._left_s = limit_s
         self._threads = threading.active_count()
-        self._end_s = REAL_TIME.now() + limit_s
+        self._looked_s, self._slice_s = REAL_TIME.now(), 0.0
 
     def slice_s(self) -> float:
         """Return how long to wait before the next look; 0 at the end."""
         now_s, threads = REAL_TIME.now(), threading.active_count()
+        self._left_s -= min(now_s - self._looked_s, self._slice_s)
         if threads < self._threads:
-            self._threads, self._end_s = threads, now_s + self._limit_s
-        return max(0.0, min(self._end_s - now_s, _LOOK_S))
+            self._threads, self._left_s = threads, self._limit_s
+        self._looked_s, self._slice_s = now_s, max(0.0, min(self._left_s, _LOOK_S))
+        return self._slice_s

@@ -10,6 +10,7 @@ from eal_actors.classic.data import EALDataInfo_t, EALResourceInfo_t
 from eal_actors.classic.resource import FAILURE, METHODS, EALResource
 from eal_actors.device.resource import Resource
 from eal_actors.facade import eal as facade
+from eal_actors.facade.tasks import TaskGroup
 from eal_actors.kernel.errors import ArgumentError, EALError
 from eal_actors.kernel.log import get_logger
 
@@ -63,6 +64,13 @@ class EAL:
 
     def _status(self, call: Callable[..., int], *arguments: Any) -> int:
         return self._attempt(lambda: call(*arguments, timeout_s=self.timeout_s), FAILURE)
+
+    def tasks(self) -> TaskGroup:
+        """Return a group of tasks, for calls that run at the same time (Source: thesis §6.2.3).
+
+        At `rate: max`, time stands while a thread waits for another one by other means.
+        """
+        return self._eal.tasks()
 
     def getResourceList(self) -> list[str]:
         """Source: thesis B.2.2.1."""

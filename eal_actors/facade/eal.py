@@ -28,6 +28,7 @@ from eal_actors.facade.connections import (
     unknown_robot,
 )
 from eal_actors.facade.fleet import Fleet
+from eal_actors.facade.tasks import TaskGroup
 from eal_actors.kernel.bundled import FLEET_VARIABLE, bundled_path, find_file
 from eal_actors.kernel.errors import RemoteError, RobotNotFoundError, UnavailableError
 from eal_actors.managers.config import EALConfigManager
@@ -110,6 +111,14 @@ class EAL(BlockingParts):
         return f"<EAL {self._robot.name}>"
 
     # Connection.
+
+    def tasks(self, timeout_s: float | None = None) -> TaskGroup:
+        """Return a group of tasks that run at the same time, on the fleet's clock; see `Fleet.tasks`.
+
+        Raises:
+            UnavailableError: this connection is closed.
+        """
+        return TaskGroup(self._open_robot().clock, timeout_s)
 
     def disconnect(self) -> None:
         """Close the connection (Source: thesis B.2.1.2).

@@ -2,13 +2,11 @@
 
 Usage: EAL_FLEET=fleets/sim.yaml dance.py HOST...
 
-Departs from table 6.3: `sendCmd` waits for the end of a step here, so each step has a thread for each robot, which
-replaces the program's sleep. It ends with its step: at `rate: max` time stands while a thread is at work. A robot that
-fails a step leaves the dance.
+Departs from table 6.3: `sendCmd` waits for the end of a step here, so each step has a task for each robot, which
+replaces the program's sleep. A robot that fails a step leaves the dance.
 """
 
 import sys
-from threading import Thread
 
 from eal_actors.classic import EAL, EALconnect, EALdisconnect
 
@@ -19,23 +17,17 @@ def dance(clients: dict[str, EAL]) -> list[str]:
     """Dance; return the hosts of the robots that finish."""
     id = {host: client.findResource("Base") for host, client in clients.items()}  # noqa: A001
     dancers = list(clients)
-    statuses: dict[str, int] = {}
-
-    def send(host: str, step: str) -> None:
-        statuses[host] = clients[host].sendCmd(id[host], step, None)
-
     try:
         for step in DANCE:
             # all robots step at the same time; the next step waits for the slowest
-            threads = [Thread(target=send, args=(host, step)) for host in dancers]
-            for thread in threads:
-                thread.start()
-            for thread in threads:
-                thread.join()
-            dancers = [host for host in dancers if statuses[host] > 0]
+            with clients[dancers[0]].tasks() as tasks:
+                statuses = {host: tasks.start(clients[host].sendCmd, id[host], step, None) for host in dancers}
+            dancers = [host for host in dancers if statuses[host].get() > 0]
+            if not dancers:
+                break
     finally:
         for client in clients.values():
-            EALdisconnect(client)  # after Ctrl-C this stops the robots, and with them the threads
+            EALdisconnect(client)  # after Ctrl-C this stops the robots
     return dancers
 
 

@@ -62,7 +62,7 @@ def test_each_call_exists_under_both_names_and_names_its_section(thesis: str, ou
 def test_no_object_has_both_naming_styles() -> None:
     ours = {name for name in dir(EAL) if not name.startswith("_")}
     thesis = {name for name in dir(classic.EAL) if not name.startswith("_")}
-    assert not ours & thesis
+    assert ours & thesis <= {"tasks"}  # one word has no style
 
 
 PLUGIN = '''

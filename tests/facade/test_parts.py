@@ -97,6 +97,8 @@ def test_the_synchronous_twin_returns_values(simulation: Simulation) -> None:
         base = eal.base
     with pytest.raises(UnavailableError, match="closed"):
         base.drive(1)
+    with pytest.raises(UnavailableError, match="closed"):
+        eal.tasks()
 
 
 def test_the_twins_have_the_same_parts_and_calls() -> None:

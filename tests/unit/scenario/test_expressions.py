@@ -58,6 +58,8 @@ KNOWN = Namespace(
         ("round(sin(pi / 2) + cos(0) + sqrt(4) + hypot(3, 4) + tan(0) + atan2(0, 1), 9)", 9.0),
         ("round(degrees(radians(90)), 9)", 90.0),
         ("range(2, 8, 3)", [2, 5]),
+        ("repeated(pair, 2)", [1, 2, 1, 2]),
+        ("repeated(rows, 0)", []),
         ("rows[1][0] + len(rows) + sum(rows[0])", 8),
         ("rows[1:] + [pair]", [[3, 4], [1, 2]]),
         (
@@ -128,6 +130,9 @@ def test_nesting_breaks_nothing(text: str) -> None:
     ("text", "message"),
     [
         ("2 ** 10 ** 10", "the result has more than 256 bits"),
+        ("repeated([1, 2], 5001)", "repeated() gives at most 10000 items"),
+        ("repeated([1], 1.5)", "repeated() takes a whole number of times from 0, not 1.5"),
+        ("repeated('a', 2)", "repeated() takes a list, not text"),
         ("9 ** 9 ** 9", "the result has more than 256 bits"),
         ("2 ** 255 * 9", "the result has more than 256 bits"),
         ("10.0 ** 400", "Numerical result out of range"),

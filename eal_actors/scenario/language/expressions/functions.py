@@ -158,6 +158,15 @@ def _range(*bounds: Any) -> list[int]:
     return list(numbers)
 
 
+def _repeated(values: Any, times: Any) -> list[Any]:
+    items = _items("repeated", values)
+    if not isinstance(times, int) or isinstance(times, bool) or times < 0:
+        raise RefusalError(f"repeated() takes a whole number of times from 0, not {times!r}")
+    if len(items) * times > MAX_ITEMS:
+        raise RefusalError(f"repeated() gives at most {MAX_ITEMS} items")
+    return items * times
+
+
 def _length(value: Any) -> int:
     if not isinstance(value, str | list):
         raise RefusalError(f"len() takes a list or a text, not {_shown_type(value)}")
@@ -244,6 +253,7 @@ FUNCTIONS: Final[Mapping[str, Function]] = {
     "min": Function(_best("min", min), 1, MAX_ITEMS),
     "radians": Function(_of_numbers("radians", math.radians), 1, 1),
     "range": Function(_range, 1, 3),
+    "repeated": Function(_repeated, 2, 2),
     "round": Function(_round, 1, 2),
     "sin": Function(_of_numbers("sin", math.sin), 1, 1),
     "sqrt": Function(_of_numbers("sqrt", math.sqrt), 1, 1),
