@@ -17,7 +17,7 @@ EVBOTOS_TOOLS := apt bc binutils bison cryptsetup-bin device-tree-compiler dosfs
 	grub-common libelf-dev libssl-dev make mtools openssh-client qemu-system-arm qemu-system-x86 squashfs-tools \
 	tar u-boot-tools xz-utils zstd
 
-.PHONY: lock locked sbom demo demo-network demo-standards lab test test-slow check docs bench bench-peers bench-scale bench-go bench-panorama bench-proof soak fuzz fuzz-motions figures format evbotos-setup test-evbotos test-bitbake clean help
+.PHONY: lock locked sbom demo demo-aarch64 demo-network demo-standards lab test test-slow check docs bench bench-peers bench-scale bench-go bench-panorama bench-proof soak fuzz fuzz-motions figures format evbotos-setup test-evbotos test-bitbake clean help
 
 help:  ## show this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -56,6 +56,14 @@ demo-network: $(STAMP)  ## the same dance over the network: three robots, each s
 
 demo-standards: $(STAMP)  ## a ROS 2 robot, an AGV, a MAVLink rover and a Roomba drive a square together; one fails
 	$(BIN)/python -m tests.standards
+
+demo-aarch64: $(STAMP)  ## the dance on 64-bit ARM: Debian's Python under qemu-user, unpacked into build/aarch64
+	@command -v mmdebstrap qemu-aarch64-static >/dev/null || { echo "make demo-aarch64 needs Debian's packages mmdebstrap and qemu-user-static"; exit 1; }
+	rm -rf build/aarch64 && mkdir -p build
+	mmdebstrap --quiet --variant=extract --architectures=arm64 --include=python3,libstdc++6,libgomp1,zlib1g,tzdata bookworm build/aarch64
+	$(BIN)/python -m pip install --quiet --target build/aarch64/site --platform manylinux_2_28_aarch64 --platform manylinux2014_aarch64 \
+		--platform manylinux_2_17_aarch64 --python-version 3.11 --implementation cp --only-binary=:all: ".[sim,record]"
+	qemu-aarch64-static -L build/aarch64 -E PYTHONPATH=build/aarch64/site build/aarch64/usr/bin/python3.11 -m eal_actors run dance --fleet sim --rate max --no-plot
 
 lab: $(STAMP)  ## the thesis's robots, each behind its own wire to an emulator, drive the square, dance and patrol
 	$(BIN)/eal lab
@@ -107,8 +115,8 @@ soak: $(STAMP)  ## twenty robots under kills, freezes, cuts, floods and garbage 
 fuzz: $(STAMP)  ## look for bytes that decoders and loaders cannot bear, a minute for each
 	$(BIN)/python -m tests.fuzz
 
-fuzz-motions: $(STAMP)  ## 10,000 motions of each driver over wires that damage bytes, judged by the true path
-	$(BIN)/python -m pytest -n auto -m slow -rP tests/fuzz/test_motions.py tests/fuzz/test_evbot_motions.py
+fuzz-motions: $(STAMP)  ## 10,000 motions of each driver over wires that damage bytes, judged by the true path; goes on after an end
+	$(BIN)/python -m tests.fuzz.series
 
 figures: $(STAMP)  ## make the pictures of the documentation
 	$(BIN)/python docs/figures.py

@@ -1,8 +1,9 @@
-"""The limits of the structure: entries, layers, complexity, protocols, and the files that one call enters."""
+"""The limits of the structure: entries, layers, sizes, complexity, protocols, and the files that one call enters."""
 
 from __future__ import annotations
 
 import ast
+import functools
 import re
 import subprocess
 import sys
@@ -11,7 +12,7 @@ from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
-from radon.complexity import cc_visit  # type: ignore[import-untyped]
+from radon.complexity import cc_visit_ast  # type: ignore[import-untyped]
 
 from tests.house import prose
 
@@ -21,6 +22,18 @@ CODE = ("eal_actors", "evbotos", "plugins", "scenarios")
 
 def modules(*folders: str) -> list[Path]:
     return [file for folder in folders for file in sorted((ROOT / folder).rglob("*.py"))]
+
+
+@functools.cache
+def tree(file: Path) -> ast.Module:
+    return ast.parse(file.read_text())
+
+
+@functools.cache
+def parts(file: Path) -> tuple[list[ast.ClassDef], list[ast.ImportFrom]]:
+    """Return the classes and the imports of names in a file."""
+    found = [node for node in ast.walk(tree(file)) if isinstance(node, (ast.ClassDef, ast.ImportFrom))]
+    return [n for n in found if isinstance(n, ast.ClassDef)], [n for n in found if isinstance(n, ast.ImportFrom)]
 
 
 def test_the_framework_has_at_most_fourteen_entries() -> None:
@@ -40,7 +53,7 @@ def test_the_design_names_the_layers_of_the_import_contract() -> None:
 
 
 def test_no_function_is_too_complex() -> None:
-    blocks = ((file, block) for file in modules(*CODE) for block in cc_visit(file.read_text()))
+    blocks = ((file, block) for file in modules(*CODE) for block in cc_visit_ast(tree(file)))
     found = [
         f"{file.relative_to(ROOT)}:{b.lineno} {b.fullname}: {b.complexity}" for file, b in blocks if b.complexity > 15
     ]
@@ -51,22 +64,32 @@ def test_there_are_few_protocols() -> None:
     found = [
         f"{file.relative_to(ROOT)}:{node.lineno} {node.name}"
         for file in modules("eal_actors")
-        for node in ast.walk(ast.parse(file.read_text()))
-        if isinstance(node, ast.ClassDef) and any("Protocol" in ast.unparse(base) for base in node.bases)
+        for node in parts(file)[0]
+        if any("Protocol" in ast.unparse(base) for base in node.bases)
     ]
     assert len(found) <= 15, "\n".join(found)
 
 
-def test_the_modules_of_scenarios_import_one_way() -> None:
+def test_no_file_of_code_is_longer_than_400_lines() -> None:
+    command = ["git", "ls-files", "*.py", "*.js", "*.css", "*.j2", "*.html", "*.sh"]
+    listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True, timeout=60).stdout
+    lengths = {name: (ROOT / name).read_bytes().count(b"\n") for name in listed.splitlines() if (ROOT / name).is_file()}
+    assert len(lengths) > 1000
+    assert not {name: length for name, length in lengths.items() if length > 400}
+
+
+@pytest.mark.parametrize("folder", ["eal_actors", "evbotos", "plugins"])
+def test_modules_import_one_way(folder: str) -> None:
     """Imports for types count too."""
-    files = {file for file in modules("eal_actors/scenario") if file.name != "__init__.py"}
-    names = {".".join(file.relative_to(ROOT).with_suffix("").parts): file for file in files}
-    imports: dict[str, set[str]] = {name: set() for name in names}
+    files = {file for file in modules(folder) if file.name != "__init__.py"}
+    names = {file.relative_to(ROOT).with_suffix("").parts: file for file in files}
+    imports: dict[tuple[str, ...], set[tuple[str, ...]]] = {name: set() for name in names}
     for name, file in names.items():
-        for node in ast.walk(ast.parse(file.read_text())):
-            if isinstance(node, ast.ImportFrom) and node.module is not None:
-                found = {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
-                imports[name] |= found & names.keys()
+        for node in parts(file)[1]:
+            above = name[: -node.level] if node.level else ()
+            module = (*above, *(node.module.split(".") if node.module else ()))
+            imports[name] |= {module, *((*module, alias.name) for alias in node.names)} & names.keys()
+    assert any(imports.values())
     TopologicalSorter(imports).prepare()  # raises CycleError, with the modules
 
 
@@ -75,8 +98,8 @@ def test_a_class_name_means_one_thing() -> None:
     may_recur = {"Settings", "EAL", "Base", "Battery", "BridgeSettings", "Bump", "Camera", "Odometry", "Pose", "Turret"}
     found: dict[str, list[str]] = {}
     for file in modules("eal_actors", "plugins"):
-        for node in ast.walk(ast.parse(file.read_text())):
-            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+        for node in parts(file)[0]:
+            if not node.name.startswith("_"):
                 found.setdefault(node.name, []).append(str(file.relative_to(ROOT)))
     twice = {name: files for name, files in found.items() if len(files) > 1 and name not in may_recur}
     assert not twice

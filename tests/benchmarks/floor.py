@@ -1,0 +1,211 @@
+"""The least cost of a remote call: one step after another from raw TCP to this project's call, in one run.
+
+Run as `python -m tests.benchmarks.floor [--page PAGE]`. Each step adds what the next one needs: two publications of the
+engine; a thread for the resource and one for the caller, as actors and futures need them; the packed fields of a call
+and its reply, numbered, so that several callers share a link. What the last row adds keeps the promises: admission,
+deadlines, leases, receipts, times, and a bounded mailbox. All processes share one core, and each step is measured in
+turn with raw TCP, round by round.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import os
+import queue
+import statistics
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import ExitStack
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final
+
+import msgpack
+import zenoh
+
+from eal_actors import Fleet
+from eal_actors.kernel.clock import REAL_TIME
+from tests.benchmarks.network_host import fleet_of
+from tests.benchmarks.page import machine, write_between
+from tests.benchmarks.peers.engine import session
+from tests.benchmarks.peers.peer import GIVE_UP_S, VALUE, Server, timed
+from tests.benchmarks.peers.tcp import TcpClient
+from tests.net.links import free_port
+
+BEGIN: Final = "<!-- written by python -m tests.benchmarks.floor: begin -->"
+CALL: Final = [10, bytes(16), 1, 1, 1.0, 5.0, None, [], None]
+"""The fields of a call, as many and as long as this project's."""
+ROUNDS, CALLS = 15, 200
+PUBLISHED, THREADS, PACKED, OURS = "published", "threads", "packed", "ours"
+STEPS: Final = {
+    PUBLISHED: "two publications, the caller reads its answer itself",
+    THREADS: "and a thread for the resource, one for the answers",
+    PACKED: "and the fields of both messages, packed, numbered and checked",
+    OURS: "this project: and all that its promises need",
+}
+
+
+def _publisher(opened: zenoh.Session, key: str) -> zenoh.Publisher:
+    return opened.declare_publisher(key, congestion_control=zenoh.CongestionControl.BLOCK, express=True)
+
+
+def _follow(opened: zenoh.Session, key: str, handle: Callable[[zenoh.Sample], None]) -> None:
+    """Handle the messages of a key in a thread, as this project's Transport does."""
+    channel = opened.declare_subscriber(key, zenoh.handlers.FifoChannel(64))
+
+    def read() -> None:
+        for sample in channel:
+            handle(sample)
+
+    threading.Thread(target=read, daemon=True).start()
+
+
+def serve(step: str, port: int) -> None:
+    """Answer the calls of one step until the standard input ends."""
+    opened = session(port, listens=True)
+    answers = _publisher(opened, "answers")
+    mailbox: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+
+    def answer(envelope: bytes | None) -> None:
+        if envelope is None:
+            answers.put(VALUE)
+            return
+        call = msgpack.unpackb(envelope)
+        if list(map(type, call)) != list(map(type, CALL)):
+            raise ValueError(call)
+        answers.put(VALUE, attachment=msgpack.packb((10, call[3], 1, [3, 3, None, None], "era", REAL_TIME.now())))
+
+    def receive(sample: zenoh.Sample) -> None:
+        envelope = sample.attachment.to_bytes() if sample.attachment is not None else None
+        if step == PUBLISHED:
+            answer(envelope)
+        else:
+            mailbox.put(envelope)
+
+    def work() -> None:
+        while True:
+            answer(mailbox.get())
+
+    threading.Thread(target=work, daemon=True).start()
+    _follow(opened, "calls", receive)
+    sys.stdout.write("up\n")
+    sys.stdout.flush()
+    sys.stdin.read()
+    os._exit(0)
+
+
+class Caller:
+    """Calls by one of the steps."""
+
+    def __init__(self, step: str, port: int) -> None:
+        self._opened = session(port, listens=False)
+        self._calls = _publisher(self._opened, "calls")
+        self._numbers = itertools.count(1)
+        self._pending: dict[int, tuple[threading.Lock, list[Any]]] = {}
+        if step == PUBLISHED:
+            self._answers = self._opened.declare_subscriber("answers", zenoh.handlers.FifoChannel(64))
+        else:
+            _follow(self._opened, "answers", self._receive)
+        self.get = {PUBLISHED: self._read, THREADS: self._wait, PACKED: self._call}[step]
+
+    def _read(self) -> None:
+        self._calls.put(b"")
+        self._answers.recv().payload.to_bytes()
+
+    def _wait(self) -> None:
+        self._await(0, None)
+
+    def _call(self) -> None:
+        number = next(self._numbers)
+        self._await(number, msgpack.packb([*CALL[:3], number, *CALL[4:]]))
+
+    def _await(self, number: int, envelope: bytes | None) -> None:
+        woken, answer = self._pending[number] = threading.Lock(), list[Any]()
+        woken.acquire()
+        self._calls.put(b"", attachment=envelope)
+        if not woken.acquire(timeout=GIVE_UP_S) or answer != [VALUE]:
+            raise ConnectionError("no answer")
+
+    def _receive(self, sample: zenoh.Sample) -> None:
+        number = 0
+        if sample.attachment is not None:
+            reply = msgpack.unpackb(sample.attachment.to_bytes())
+            if list(map(type, reply)) != [int, int, int, list, str, float]:
+                raise ValueError(reply)
+            number = reply[1]
+        if pending := self._pending.pop(number, None):
+            woken, answer = pending
+            answer.append(sample.payload.to_bytes())
+            woken.release()
+
+    def find(self) -> None:
+        """Wait until the server hears: what is published before is lost."""
+        while not self._calls.matching_status:
+            REAL_TIME.sleep(0.01)
+
+    def close(self) -> None:
+        self._opened.close()  # type: ignore[no-untyped-call]  # zenoh's stubs say nothing of it
+
+
+def measure(rounds: int, calls: int) -> dict[str, list[float]]:
+    """Return the ratio to raw TCP of each step, round by round."""
+    with ExitStack() as stack:
+
+        def started(*arguments: str) -> None:
+            stack.callback(Server(["-m", *arguments]).kill)
+
+        ports = {name: free_port() for name in ("raw TCP", *STEPS)}
+        started("tests.benchmarks.peers.serve", "raw TCP", str(ports["raw TCP"]))
+        raw = TcpClient(ports["raw TCP"])
+        stack.callback(raw.close)
+        steps: dict[str, Callable[[], object]] = {}
+        for step in (PUBLISHED, THREADS, PACKED):
+            started("tests.benchmarks.floor", "--serve", step, str(ports[step]))
+            caller = Caller(step, ports[step])
+            stack.callback(caller.close)
+            caller.find()
+            steps[step] = caller.get
+        started("tests.benchmarks.network_host", "1", str(ports[OURS]))
+        lamp = stack.enter_context(Fleet(fleet_of(1, ports[OURS])))["bot1"]["Lamp"]
+        steps[OURS] = lambda: lamp.get_value().get()
+        for call in (raw.get, *steps.values()):
+            for _ in range(calls):
+                call()
+        ratios: dict[str, list[float]] = {step: [] for step in steps}
+        for _ in range(rounds):
+            bare_s = statistics.median(timed(raw.get) for _ in range(calls))
+            for step, call in steps.items():
+                ratios[step].append(statistics.median(timed(call) for _ in range(calls)) / bare_s)
+        return ratios
+
+
+def table(ratios: dict[str, list[float]]) -> str:
+    """Return the steps in Markdown."""
+    lines = ["| a reading of 24 bytes, one caller | times raw TCP | best and worst round |", "|---|---|---|"]
+    for step, values in ratios.items():
+        middle = statistics.median(values)
+        lines.append(f"| {STEPS[step]} | {middle:.1f} | {min(values):.1f} to {max(values):.1f} |")
+    return "\n".join([*lines, "", f"{machine()}; eclipse-zenoh {version('eclipse-zenoh')}."])
+
+
+def main() -> None:
+    """Measure, print the table, and write it into a page."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--page", type=Path)
+    parser.add_argument("--rounds", type=int, default=ROUNDS)
+    parser.add_argument("--serve", nargs=2)
+    options = parser.parse_args()
+    if options.serve:
+        serve(options.serve[0], int(options.serve[1]))
+        return
+    os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+    text = table(measure(options.rounds, CALLS))
+    sys.stdout.write(text + "\n")
+    if options.page is not None:
+        write_between(options.page, BEGIN, text)
+
+
+if __name__ == "__main__":
+    main()
