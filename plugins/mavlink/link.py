@@ -184,10 +184,12 @@ class MavLink:
         now_s = self._clock.now()
         if self._kept_until_s is None or now_s - self._set_point_s < _PAUSE_S:
             return
-        if now_s > self._kept_until_s and self.mode() != protocol.OFFBOARD:
+        if self.mode() == protocol.OFFBOARD:
+            self._kept_until_s = -math.inf  # reached: from now on, who leaves it ends this at once
+        elif now_s > self._kept_until_s:
             self._kept_until_s = None
-        else:
-            self.send_velocity(0.0, 0.0)
+            return
+        self.send_velocity(0.0, 0.0)
 
     def _ask_for_rates(self) -> None:
         if not self._is_asked and "HEARTBEAT" in self._newest:

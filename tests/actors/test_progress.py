@@ -83,7 +83,7 @@ def test_progress_is_told_step_by_step(clock: ManualClock, robot: RobotHandle) -
 
 def test_who_asks_later_is_told_what_is_known(clock: ManualClock, robot: RobotHandle) -> None:
     call = robot["Lift"].send_cmd("up")
-    robot["Lift"].get_status().exception(timeout=WAIT_S)  # answered behind it
+    robot["Lift"].get_value().exception(timeout=WAIT_S)  # answered behind it; a status would overtake it
     heard: list[Progress] = []
     call.add_progress_callback(heard.append)
     assert [progress.text for progress in heard] == ["floor 0"]
@@ -126,7 +126,7 @@ def test_what_runs_is_listed(clock: ManualClock, robot: RobotHandle) -> None:
     assert list(robot.running) == []
     call = robot["Lift"].send_cmd("up")
     look = robot["Lift"].send_req("look")
-    robot["Lift"].get_status().exception(timeout=WAIT_S)
+    robot["Lift"].get_value().exception(timeout=WAIT_S)
     listed: list[RunningCommand] = list(robot.running)
     assert len(listed) == 1  # a request is no command
     running = listed[0]

@@ -189,6 +189,13 @@ def test_a_call_that_hangs_fails_at_its_deadline_and_the_resource_is_replaced() 
     assert notes.index("unwound") < notes.index("halt", notes.index("unwound"))
 
 
+def test_a_call_of_a_stuck_resource_fails_with_its_deadline_though_nobody_waits_for_it() -> None:
+    with running_robot({"Motor": partial(Motor, [])}, clock=ScaledClock(20)) as robot:
+        hung = robot["Motor"].send_cmd("spin", timeout_s=8.0)
+        assert call_until_up(robot["Motor"]) == 2  # by now the supervisor has replaced it
+        assert isinstance(hung.exception(), DeadlineError)
+
+
 def test_a_hang_is_noticed_through_callbacks_too() -> None:
     clock = ScaledClock(20)
     heard = threading.Event()

@@ -79,7 +79,7 @@ def test_a_freeze_beyond_the_dead_mans_time_halts_at_the_waking(tmp_path: Path) 
         assert not rig.notes("halt")
         running["r1"].thaw()
         failure(move, PreemptedError)
-        assert rig.notes("halt")
+        assert eventually(lambda: bool(rig.notes("halt")))  # the answer may be here before the robot has halted
         assert robot["Arm"].send_cmd("step1").get() == 1
     assert not rig.notes("end")
 
