@@ -27,11 +27,14 @@ from eal_actors.cli.options import (
 )
 from eal_actors.cli.output import print_line, stderr, stdout, write_json
 from eal_actors.cli.progress import new_progress
+from eal_actors.cli.run_ahead import Ahead, rehearse_ahead
 from eal_actors.cli.run_keys import RunKeys
 from eal_actors.cli.run_options import (
     DryRunOption,
     EventsOption,
     FilmOption,
+    LookaheadHoldOption,
+    LookaheadOption,
     NoPlotOption,
     RateOption,
     RecordOption,
@@ -93,6 +96,8 @@ def run_scenario(
     film: FilmOption = False,
     show: ShowOption = False,
     strict: StrictOption = False,
+    lookahead: LookaheadOption = None,
+    lookahead_hold: LookaheadHoldOption = False,
 ) -> None:
     """Run a scenario on a fleet.
 
@@ -109,10 +114,11 @@ def run_scenario(
     if dry_run:
         _print_dry_run(request, console, as_json=as_json)
         return
+    ahead = rehearse_ahead(request, lookahead, holds=lookahead_hold)
     with event_stream(events) as listeners, traces_to(trace, "eal run", console):
         options = context.find_object(GlobalOptions) or GlobalOptions()
         view = partial(foxglove_at, foxglove, console=console, allow_control=foxglove_control)
-        finished = _execute(request, runs_dir, console, options, listeners, record, metrics_port, view)
+        finished = _execute(request, runs_dir, console, options, listeners, record, metrics_port, view, ahead)
     drawings = _Drawings(not no_plot and finished.interrupts < 2, film and finished.interrupts < 2, show)
     _show(finished, request.config, console, drawings, as_json=as_json)
     if (code := finished.exit_code(strict=strict)) is not None:
@@ -186,6 +192,7 @@ def _execute(
     extent: Extent,
     metrics_port: int | None,
     view: Callable[[Fleet], AbstractContextManager[LiveView | None]],
+    ahead: Ahead | None,
 ) -> _FinishedRun:
     """Connect the robots of the scenario, show and record the run, and disconnect them."""
     require_modules(request.config, _bound_robots(request))
@@ -204,11 +211,17 @@ def _execute(
                 resumption = replace(resumption, time_s=repair_record(directory))
             _keep_provenance(directory, request, plan)
             recorder = RunRecorder(opened, [name for name in plan.robots if name not in plan.lost], directory, extent)
+        watcher = ahead.watcher(opened, plan) if ahead is not None else None
         run = Run(
             plan,
             opened,
             directory,
-            [progress.on_event, recorder.hear, *([live.hear] if live is not None else []), *listeners],
+            [
+                progress.on_event,
+                recorder.hear,
+                *(part.hear for part in (live, watcher) if part is not None),
+                *listeners,
+            ],
             resumption,
         )
         with ExitStack() as stack:
@@ -216,6 +229,9 @@ def _execute(
             stack.enter_context(recorder)
             interrupts = stack.enter_context(RunInterrupts(run))
             stack.enter_context(RunKeys(run))
+            if watcher is not None:
+                watcher.attach(run)
+                stack.enter_context(watcher)
             report = interrupts.wait(run.start())
     return _FinishedRun(report, directory, interrupts.count)
 

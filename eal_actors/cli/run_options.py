@@ -49,6 +49,19 @@ NoPlotOption: TypeAlias = Annotated[bool, typer.Option("--no-plot", help="Do not
 StrictOption: TypeAlias = Annotated[
     bool, typer.Option("--strict", help="Exit with 1 also if the run is done without a robot that it dropped.")
 ]
+LookaheadOption: TypeAlias = Annotated[
+    float | None,
+    typer.Option(
+        min=1,
+        max=60,
+        metavar="SECONDS",
+        show_default=False,
+        help="Look so far ahead once a second: warn before contacts, low batteries and leaving the area.",
+    ),
+]
+LookaheadHoldOption: TypeAlias = Annotated[
+    bool, typer.Option("--lookahead-hold", help="With --lookahead: halt the robots concerned before they touch.")
+]
 FilmOption: TypeAlias = Annotated[bool, typer.Option("--film", help="Draw the run as a film too: trajectory.gif.")]
 ShowOption: TypeAlias = Annotated[
     bool, typer.Option("--show", help="Show the drawing in the terminal if it can (kitty, iTerm2, sixel), or open it.")

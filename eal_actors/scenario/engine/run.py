@@ -178,6 +178,10 @@ class Run:
         """Change parameters for the steps that begin later. Thread: any; never blocks."""
         self._loop.post(lambda: self._run.main.variables.update(values))
 
+    def log(self, robot: str | None, text: str) -> None:
+        """Add a line to the record, as the step `log` does. Thread: any; never blocks."""
+        self._loop.post(lambda: self._run.log(robot, text))
+
     @property
     def is_paused(self) -> bool:
         """Whether it is paused. Thread: any."""

@@ -1,0 +1,57 @@
+"""`eal run --lookahead`: the rehearsal before the run, and the look-ahead during it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import typer
+
+from eal_actors.cli.run_options import RunRequest
+from eal_actors.facade.fleet import Fleet
+from eal_actors.managers.twins import simulated
+from eal_actors.scenario import Plan
+from eal_actors.scenario.language.binding import find_candidates
+
+if TYPE_CHECKING:
+    from eal_actors.lab.lookahead import Lookahead, LookaheadOptions, Script
+
+
+@dataclass(frozen=True, slots=True)
+class Ahead:
+    """The scripts of a rehearsal, and what to look for."""
+
+    scripts: Mapping[str, Script]
+    options: LookaheadOptions
+
+    def watcher(self, fleet: Fleet, plan: Plan) -> Lookahead:
+        """Return the look-ahead of a run."""
+        from eal_actors.lab.lookahead import Lookahead
+
+        return Lookahead(
+            fleet, tuple(name for name in plan.robots if name not in plan.lost), self.scripts, self.options
+        )
+
+
+def rehearse_ahead(request: RunRequest, horizon_s: float | None, *, holds: bool) -> Ahead | None:
+    """Rehearse the scenario in simulation; None without a horizon.
+
+    Raises:
+        BadParameter: `--lookahead-hold` without `--lookahead`, or a look ahead of a resumed run.
+        ConfigError: a robot cannot be simulated.
+    """
+    if horizon_s is None:
+        if holds:
+            raise typer.BadParameter("needs --lookahead", param_hint="'--lookahead-hold'")
+        return None
+    if request.resumption is not None:
+        raise typer.BadParameter(
+            "not with --resume: the rehearsal begins at the first step", param_hint="'--lookahead'"
+        )
+    from eal_actors.lab.lookahead import LookaheadOptions, rehearse_scripts  # numpy, which few runs need
+
+    bound = find_candidates(request.scenario, request.config, request.binding)
+    twins = simulated(request.config, {name for names in bound.values() for name in names})
+    scripts = rehearse_scripts(request.scenario, twins, request.binding)
+    return Ahead(scripts, LookaheadOptions(horizon_s=horizon_s, holds=holds))

@@ -1,0 +1,234 @@
+"""The look-ahead of a run: reads poses once a second, follows the steps, and reports what it foresees."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from types import TracebackType
+from typing import Any, Final, Self
+
+from eal_actors.actors.future import Future
+from eal_actors.actors.many import read_many
+from eal_actors.device.info import ResourceType
+from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.clock import new_waiter
+from eal_actors.kernel.errors import EALError, UnavailableError
+from eal_actors.kernel.log import get_logger
+from eal_actors.lab.lookahead.forecast import Finding, RobotState, forecast
+from eal_actors.lab.lookahead.script import Script
+from eal_actors.recording.value_messages import hull_radii_m, resource_infos
+from eal_actors.scenario import Run, RunEvent, StepEnded, StepStarted
+
+_POSE: Final = "Pose"
+_BATTERY: Final = "Battery"
+_PERIOD_S: Final = 1.0
+_ANSWER_S: Final = 0.5
+_HALT_S: Final = 2.0
+_DEFAULT_RADIUS_M: Final = 0.2
+_LOW_CHARGE: Final = 0.1
+_SLOPE_S: Final = 10.0
+"""Shortest time over which the consumption of a battery is measured."""
+
+
+@dataclass(frozen=True, slots=True)
+class LookaheadOptions:
+    """What to look for.
+
+    Attributes:
+        horizon_s: how far to look, in seconds of the fleet's clock.
+        margin_m: outlines that come nearer than this are taken to touch.
+        holds: halt the robots concerned before a contact, and before they leave the area.
+        hold_s: a robot is halted if it would touch something within this time.
+    """
+
+    horizon_s: float = 10.0
+    margin_m: float = 0.02
+    holds: bool = False
+    hold_s: float = 3.0
+
+
+@dataclass
+class _Tracked:
+    """A robot of the run: how far it is in its script, and its battery at first."""
+
+    script: Script | None
+    index: int = -1
+    since_s: float = 0.0
+    is_running: bool = False
+    began_at: Future[Any] | None = None
+    charges: list[tuple[float, float]] = field(default_factory=list)
+
+
+class Lookahead:
+    """Looks ahead inside its `with` block, once a second of the fleet's clock.
+
+    Args:
+        fleet: the connected fleet.
+        robots: the names of the robots of the run.
+        scripts: their scripts, from `rehearse_scripts`.
+        options: what to look for.
+        on_finding: called with each new finding and whether its robots were halted. Thread: the look-ahead's own.
+
+    `hear` is a listener of the run. `attach` names the run whose record gets the findings.
+    """
+
+    def __init__(
+        self,
+        fleet: Fleet,
+        robots: tuple[str, ...],
+        scripts: Mapping[str, Script],
+        options: LookaheadOptions | None = None,
+        on_finding: Callable[[Finding, bool], None] | None = None,
+    ) -> None:
+        self._fleet = fleet
+        self._options = options or LookaheadOptions()
+        self._on_finding = on_finding
+        infos = resource_infos(fleet, robots)
+        self._names = [name for name in infos if _POSE in infos[name]]
+        self._powered = [name for name in self._names if _BATTERY in infos[name]]
+        self._radii_m = hull_radii_m(fleet, infos)
+        self._tracked = {name: _Tracked(scripts.get(name), since_s=fleet.clock.now()) for name in self._names}
+        self._known: set[tuple[str, str, str | None]] = set()
+        self._held: set[tuple[str, str, str | None]] = set()
+        self._run: Run | None = None
+        self._lock = threading.Lock()
+        self._stop = new_waiter()
+        self._thread = threading.Thread(target=self._watch, name="look-ahead", daemon=True)
+
+    def attach(self, run: Run) -> None:
+        """Send the findings to the record of a run."""
+        self._run = run
+
+    def __enter__(self) -> Self:
+        self._fleet.clock.start(self._thread)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._fleet.clock.wake(self._stop)
+        with self._fleet.clock.outside():
+            self._thread.join()
+
+    def hear(self, event: RunEvent) -> None:
+        """Follow the steps of the robots. Thread: the run's; does not block."""
+        if isinstance(event, StepStarted) and event.robot in self._tracked:
+            began_at = self._fleet[event.robot][_POSE].get_value(timeout_s=_ANSWER_S)
+            with self._lock:
+                self._begin(self._tracked[event.robot], event.step, began_at)
+        elif isinstance(event, StepEnded) and (robot := event.record.robot) in self._tracked and robot is not None:
+            with self._lock:
+                tracked = self._tracked[robot]
+                tracked.is_running, tracked.since_s = False, self._fleet.clock.now()
+
+    def _begin(self, tracked: _Tracked, path: str, began_at: Future[Any]) -> None:
+        steps = tracked.script.steps if tracked.script is not None else ()
+        following = range(max(0, tracked.index + (not tracked.is_running)), len(steps))
+        index = next((number for number in following if steps[number].path == path), None)
+        if index is None:  # it does something that it did not do in the rehearsal
+            tracked.script = None
+            return
+        tracked.index, tracked.is_running, tracked.began_at = index, True, began_at
+        tracked.since_s = self._fleet.clock.now()
+
+    # The look-ahead's own thread.
+
+    def _watch(self) -> None:
+        while not self._fleet.clock.wait(self._stop, _PERIOD_S):
+            try:
+                self._look()
+            except EALError as error:
+                get_logger().warning("no look ahead", reason=str(error))
+
+    def _look(self) -> None:
+        poses = self._read(self._names, _POSE)
+        now_s = self._fleet.clock.now()
+        with self._lock:
+            states = {name: self._state(name, pose, now_s) for name, pose in poses.items()}
+        options = self._options
+        found = forecast(states, options.horizon_s, options.margin_m, self._fleet.config.world).findings
+        findings = [*found, *self._empty_batteries(now_s)]
+        keys = {(finding.kind, finding.robot, finding.other) for finding in findings}
+        self._known &= keys
+        self._held &= keys
+        for finding in findings:
+            self._report(finding)
+
+    def _read(self, names: list[str], resource: str) -> dict[str, tuple[float, ...]]:
+        """Return the values of a resource of each robot that answers in time."""
+        values = {}
+        handles = [self._fleet[name][resource] for name in names]
+        for name, answer in zip(names, read_many(handles, _ANSWER_S), strict=True):
+            try:
+                value = answer.get().value
+            except EALError:
+                continue
+            values[name] = tuple(map(float, value)) if resource == _POSE else (float(value),)
+        return values
+
+    def _state(self, name: str, pose: tuple[float, ...], now_s: float) -> RobotState:
+        tracked = self._tracked[name]
+        began = tracked.began_at
+        x_m, y_m, yaw_rad = pose
+        state = RobotState(
+            (x_m, y_m, yaw_rad),
+            self._radii_m.get(name, _DEFAULT_RADIUS_M),
+            tracked.script,
+            tracked.index,
+            now_s - tracked.since_s,
+            tracked.is_running,
+        )
+        if began is None or not began.done() or began.exception() is not None:
+            return state
+        first_x_m, first_y_m, first_yaw_rad = map(float, began.get().value)
+        return replace(state, began_at=(first_x_m, first_y_m, first_yaw_rad))
+
+    def _empty_batteries(self, now_s: float) -> list[Finding]:
+        found = []
+        for name, (charge,) in self._read(self._powered, _BATTERY).items():
+            charges = self._tracked[name].charges
+            charges.append((now_s, charge))
+            while len(charges) > 2 and now_s - charges[1][0] >= _SLOPE_S:
+                charges.pop(0)
+            first_s, first = charges[0]
+            spent = (first - charge) / (now_s - first_s) if now_s - first_s >= _SLOPE_S else 0.0
+            if charge - spent * self._options.horizon_s < _LOW_CHARGE:
+                in_s = max(0.0, (charge - _LOW_CHARGE) / spent) if spent > 0 else 0.0
+                found.append(Finding("battery", name, None, in_s, ()))
+        return found
+
+    def _report(self, finding: Finding) -> None:
+        key = (finding.kind, finding.robot, finding.other)
+        is_near = finding.kind != "battery" and finding.in_s <= self._options.hold_s
+        holds = self._options.holds and is_near and key not in self._held
+        if key in self._known and not holds:
+            return
+        self._known.add(key)
+        if holds:
+            self._held.add(key)
+            for name in finding.movers:
+                self._halt(name)
+        if self._run is not None:
+            self._run.log(finding.robot, describe(finding, is_held=holds))
+        if self._on_finding is not None:
+            self._on_finding(finding, holds)
+
+    def _halt(self, name: str) -> None:
+        for resource in self._fleet[name].values():
+            try:
+                if ResourceType.ACTUATOR in resource.info.types:
+                    resource.halt(timeout_s=_HALT_S)
+            except UnavailableError:  # it was never up, so it does not move
+                continue
+
+
+def describe(finding: Finding, *, is_held: bool) -> str:
+    """Return a finding for people."""
+    what = {
+        "contact": f"will touch {finding.other}",
+        "area": f"will leave the area at {finding.other}",
+        "battery": f"will have less than {_LOW_CHARGE:.0%} of its charge",
+    }[finding.kind]
+    held = f"; halted: {', '.join(finding.movers)}" if is_held else ""
+    return f"look-ahead: {what} in {finding.in_s:.1f} s{held}"
