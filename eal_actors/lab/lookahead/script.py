@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
@@ -96,7 +96,8 @@ def rehearse_scripts(scenario: Scenario, fleet: SimulatedFleet, binding: Wishes 
             begin_s = record.end_s if is_wait else record.start_s
             steps.setdefault(robot, []).append(ScriptStep(record.step, start_s, begin_s, record.end_s, goal))
 
-    with TemporaryDirectory(prefix="eal-lookahead-") as folder, Fleet(fleet.config) as opened:
+    other_seed = replace(fleet.config, seed=fleet.config.seed + 1)  # the errors of the robots are not known in advance
+    with TemporaryDirectory(prefix="eal-lookahead-") as folder, Fleet(other_seed) as opened:
         plan = make_plan(scenario, opened, binding=binding)
         run = Run(plan, opened, Path(folder) / "run", [hear])
         with PoseRecorder(opened, plan.robots) as recorder:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import TracebackType
 from typing import Any, Final, Self
@@ -68,7 +68,8 @@ class Lookahead:
         robots: the names of the robots of the run.
         scripts: their scripts, from `rehearse_scripts`.
         options: what to look for.
-        on_finding: called with each new finding and whether its robots were halted. Thread: the look-ahead's own.
+        on_look: called with the time of each look, by the fleet's clock, and all its findings. Thread: the
+            look-ahead's own.
 
     `hear` is a listener of the run. `attach` names the run whose record gets the findings.
     """
@@ -79,11 +80,11 @@ class Lookahead:
         robots: tuple[str, ...],
         scripts: Mapping[str, Script],
         options: LookaheadOptions | None = None,
-        on_finding: Callable[[Finding, bool], None] | None = None,
+        on_look: Callable[[float, Sequence[Finding]], None] | None = None,
     ) -> None:
         self._fleet = fleet
         self._options = options or LookaheadOptions()
-        self._on_finding = on_finding
+        self._on_look = on_look
         infos = resource_infos(fleet, robots)
         self._names = [name for name in infos if _POSE in infos[name]]
         self._powered = [name for name in self._names if _BATTERY in infos[name]]
@@ -149,6 +150,8 @@ class Lookahead:
         options = self._options
         found = forecast(states, options.horizon_s, options.margin_m, self._fleet.config.world).findings
         findings = [*found, *self._empty_batteries(now_s)]
+        if self._on_look is not None:
+            self._on_look(now_s, findings)
         keys = {(finding.kind, finding.robot, finding.other) for finding in findings}
         self._known &= keys
         self._held &= keys
@@ -211,8 +214,6 @@ class Lookahead:
                 self._halt(name)
         if self._run is not None:
             self._run.log(finding.robot, describe(finding, is_held=holds))
-        if self._on_finding is not None:
-            self._on_finding(finding, holds)
 
     def _halt(self, name: str) -> None:
         for resource in self._fleet[name].values():

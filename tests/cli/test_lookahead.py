@@ -1,0 +1,62 @@
+"""`eal run --lookahead`: two robots that drive towards each other are warned, and held if that is asked for."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+FLEET = """\
+version: 1
+name: two
+seed: 3
+clock: {rate: max}
+world: empty
+types: {mover: {plugins: {sim: {model: evbot2}}}}
+robots:
+  ann: {type: mover, plugins: {sim: {start: {x_m: -1.5, y_m: 0, yaw_deg: 0}}}}
+  bob: {type: mover, plugins: {sim: {start: {x_m: 1.5, y_m: 0, yaw_deg: 180}}}}
+"""
+SCENARIO = """\
+version: 1
+name: crash
+roles: {all: {}}
+timeout_s: 30
+steps:
+  - on: all
+    do: [{send_cmd: {resource: Base, cmd: f1.5}}]
+"""
+
+
+def run(eal: Any, folder: Path, *options: str) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """Return the warnings and the summary of a run that fails."""
+    (folder / "fleet.yaml").write_text(FLEET)
+    (folder / "crash.yaml").write_text(SCENARIO)
+    words = ("--fleet", folder / "fleet.yaml", "--no-plot", "--runs-dir", folder / "runs", *options)
+    result = eal("run", folder / "crash.yaml", *words)
+    assert result.exit_code == 1, result.output
+    (record,) = (folder / "runs").iterdir()
+    events = [json.loads(line) for line in (record / "events.jsonl").read_text().splitlines()]
+    warnings = [event for event in events if event["event"] == "log" and event["text"].startswith("look-ahead")]
+    return warnings, json.loads((record / "summary.json").read_text())
+
+
+def test_a_contact_is_foretold(eal: Any, tmp_path: Path) -> None:
+    warnings, summary = run(eal, tmp_path, "--lookahead", "10")
+    assert "will touch bob" in warnings[0]["text"]
+    assert summary["contacts"][0]["time_s"] - warnings[0]["time_s"] > 2
+
+
+def test_held_robots_do_not_touch(eal: Any, tmp_path: Path) -> None:
+    warnings, summary = run(eal, tmp_path, "--lookahead", "10", "--lookahead-hold")
+    assert warnings[-1]["text"].endswith("halted: ann, bob")
+    assert summary["contacts"] == []
+
+
+@pytest.mark.parametrize("options", [("--lookahead-hold",), ("--lookahead", "0.5")])
+def test_wrong_options_are_refused(eal: Any, tmp_path: Path, options: tuple[str, ...]) -> None:
+    (tmp_path / "fleet.yaml").write_text(FLEET)
+    (tmp_path / "crash.yaml").write_text(SCENARIO)
+    assert eal("run", tmp_path / "crash.yaml", "--fleet", tmp_path / "fleet.yaml", *options).exit_code == 2

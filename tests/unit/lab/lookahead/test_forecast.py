@@ -1,0 +1,54 @@
+"""The forecast of the look-ahead: paths that continue from live poses, waits, and gaps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eal_actors.lab.lookahead import RobotState, Script, ScriptStep, forecast
+
+
+def straight(begin_s: float = 0.0, *, has_goal: bool = False) -> Script:
+    """Return a script that drives 2 m along x in 10 s, from (0, 0), after a wait."""
+    times_s = np.array([0.0, begin_s, begin_s + 10.0])
+    step = ScriptStep("steps[0]", 0.0, begin_s, begin_s + 10.0, has_goal)
+    return Script([step], times_s, np.array([[0.0, 0, 0], [0.0, 0, 0], [2.0, 0, 0]]))
+
+
+def running(pose: tuple[float, float, float], script: Script, elapsed_s: float = 0.0) -> RobotState:
+    return RobotState(pose, 0.1, script, 0, elapsed_s, is_running=True)
+
+
+def test_a_relative_motion_goes_where_the_robot_looks() -> None:
+    found = forecast({"ann": running((1.0, 1.0, math.pi / 2), straight())}, 10.0, 0.02)
+    assert found.poses["ann"][-1] == pytest.approx([1.0, 3.0, math.pi / 2])
+
+
+def test_a_motion_to_a_place_ends_there() -> None:
+    found = forecast({"ann": running((0.1, 0.2, 0.1), straight(has_goal=True))}, 10.0, 0.02)
+    assert found.poses["ann"][-1] == pytest.approx([2.0, 0.0, 0.0], abs=1e-9)
+
+
+def test_the_contact_with_a_robot_that_stands_is_foreseen() -> None:
+    robots = {"ann": running((0.0, 0.0, 0.0), straight()), "bob": RobotState((1.2, 0.0, 0.0), 0.1)}
+    (finding,) = forecast(robots, 10.0, 0.0).findings
+    assert (finding.robot, finding.other, finding.movers) == ("ann", "bob", ("ann",))
+    assert finding.in_s == pytest.approx(5.0, abs=0.11)
+    assert forecast({**robots, "bob": replace(robots["bob"], pose=(1.2, 0.5, 0.0))}, 10.0, 0.0).findings == ()
+
+
+def test_a_robot_that_did_not_come_as_far_as_its_time_is_where_its_pose_says() -> None:
+    late = replace(running((0.2, 0.0, 0.0), straight(), elapsed_s=6.0), began_at=(0.0, 0.0, 0.0))
+    assert forecast({"ann": late}, 5.0, 0.0).poses["ann"][-1, 0] == pytest.approx(1.2, abs=0.05)
+
+
+def test_a_wait_lasts_until_the_slowest_robot_comes() -> None:
+    waits = running((0.0, 0.0, 0.0), straight(begin_s=3.0), elapsed_s=3.0)
+    slow = running((0.0, 5.0, 0.0), straight(), elapsed_s=0.0)
+    alone = forecast({"ann": waits}, 2.0, 0.0).poses["ann"][-1, 0]
+    together = forecast({"ann": replace(waits, elapsed_s=2.0), "bob": slow}, 2.0, 0.0).poses["ann"][-1, 0]
+    assert alone == pytest.approx(0.4, abs=0.03)
+    assert together == 0.0
