@@ -33,7 +33,7 @@ _SLOPE_S: Final = 10.0
 
 @dataclass(frozen=True, slots=True)
 class LookaheadOptions:
-    """What to look for.
+    """The extent of the look-ahead.
 
     Attributes:
         horizon_s: how far to look, in seconds of the fleet's clock.
