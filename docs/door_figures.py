@@ -30,7 +30,7 @@ from tests.operate.foxglove.viewer import Viewer
 from tests.operate.hands.test_sticks import event
 from tests.standards.drive import drive
 from tests.unit.plugins.mavlink.rig import Vehicle
-from tests.unit.plugins.mqtt.rig import Broker, error_of, mqtt_fleet
+from tests.unit.plugins.mqtt.rig import Broker, Device, error_of, mqtt_fleet, until_ready, why
 from tests.unit.plugins.ros2.rig import free_port, ros2_peer, wait_for
 from tests.unit.plugins.vda5050.rig import SdkAgv, SdkMaster
 
@@ -154,6 +154,55 @@ def draw_mavlink(folder: Path) -> None:
     axes.set_title("goto 0.5, 0.2, then a square by f1 and l90", loc="left", fontsize=10)
     draw_grid(axes)
     figure.savefig(IMAGES / "mavlink.png")
+
+
+def draw_mqtt(folder: Path) -> None:
+    """Let a fleet hold a temperature by a heater behind a broker, lose the device, and draw what the fleet read."""
+    status = ("room/status", "offline")
+    topics = {
+        "Warmth": {"topic": "room/climate", "value": "number", "field": "temperature", "unit": "degC"},
+        "Heater": {"topic": "room/heater/set", "writable": True, "halt": "OFF"},
+    }
+    settings = {"presence": {"topic": status[0], "online": "online"}, "topics": topics}
+    read: list[tuple[float, float, bool]] = []
+    warmth = 18.0
+
+    def live(device: Device, fleet: Fleet, begin_s: float, steps: int) -> None:
+        nonlocal warmth
+        for _ in range(steps):
+            heats = bool(device.heard) and device.heard[-1][1] == b"ON"
+            warmth += 0.12 if heats else -0.05
+            device.say("room/climate", json.dumps({"temperature": round(warmth, 2)}))
+            fleet.clock.sleep(0.1)
+            seen = float(fleet["room"]["Warmth"].get_value().get().value)
+            read.append((fleet.clock.now() - begin_s, seen, heats))
+            if not 20.0 <= seen <= 21.0:
+                fleet["room"]["Heater"].set_value("ON" if seen < 20.0 else "OFF").get()
+
+    with Broker(folder) as broker, mqtt_fleet(folder, room={"broker": broker.url, **settings}) as fleet:
+        begin_s, spans = fleet.clock.now(), []
+        for steps in (80, 80):
+            with Device(broker, "room/heater/set", will=status) as device:
+                device.say(status[0], "online", retain=True)
+                device.say("room/climate", json.dumps({"temperature": warmth}))
+                until_ready(fleet, "room", "Warmth", "Heater")
+                spans.append(fleet.clock.now() - begin_s)
+                live(device, fleet, begin_s, steps)
+                spans.append(fleet.clock.now() - begin_s)
+                device.break_off()
+                why(fleet, "room", "Warmth", "offline")
+            fleet.clock.sleep(2.0)
+    figure = _figure()
+    axes = figure.subplots()
+    axes.axvspan(spans[1], spans[2], color="#bbbbbb", alpha=0.5, label="device absent")
+    for heats, colour, label in ((True, "#d55e00", "heater on"), (False, "#0072b2", "heater off")):
+        chosen = [(time_s, seen) for time_s, seen, is_on in read if is_on == heats]
+        axes.plot(*zip(*chosen, strict=True), ".", color=colour, label=label)
+    axes.set(xlabel="time [s]", ylabel="Warmth [degC]")
+    axes.legend(loc="lower right")
+    axes.set_title("room/climate as the fleet read it, which switched room/heater/set", loc="left", fontsize=10)
+    draw_grid(axes)
+    figure.savefig(IMAGES / "mqtt.png")
 
 
 def draw_standards(folder: Path) -> None:
@@ -284,6 +333,7 @@ def _disc(place: tuple[float, float], radius_m: float, colour: str) -> Any:
 
 
 if __name__ == "__main__":
-    for draw in (draw_foxglove, draw_hand, draw_mavlink, draw_notebook, draw_ros2, draw_standards, draw_vda5050):
+    doors = (draw_foxglove, draw_hand, draw_mavlink, draw_mqtt, draw_notebook, draw_ros2, draw_standards, draw_vda5050)
+    for draw in doors:
         with tempfile.TemporaryDirectory() as made:
             draw(Path(made))

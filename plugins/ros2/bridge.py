@@ -112,11 +112,17 @@ def _tells_path(robot: RobotHandle) -> bool:
 def _stepping(steps: Sequence[SubscribedFeed | VelocityFollower]) -> Iterator[None]:
     """Step followers and feeds in a thread; at the end every driven robot is halted."""
     end = threading.Event()
+    logged: set[SubscribedFeed | VelocityFollower] = set()
 
     def run() -> None:
         while not end.wait(_TICK_S):
             for one in steps:
-                one.step()
+                try:
+                    one.step()
+                except Exception as error:  # noqa: BLE001  # the dead-man of every other robot is in this thread
+                    if one not in logged:
+                        logged.add(one)
+                        get_logger().error("a topic is not served", error=f"{type(error).__name__}: {error}")
 
     thread = threading.Thread(target=run, name="ros2 velocities", daemon=True)
     thread.start()
@@ -197,13 +203,16 @@ class VelocityFollower:
         if not all(map(math.isfinite, twist)):
             raise DataError(f"a velocity of {twist[0]:g} m/s and {twist[1]:g} rad/s is ignored")
         answer = self._robot[_BASE].set_value(list(twist))
-        self._commanded_s = now_s
+        self._commanded_s = now_s  # before the answer, which may take it back
         answer.add_done_callback(self._on_answer)
 
     def _on_answer(self, answer: Future[int]) -> None:
         error = answer.exception()
-        if isinstance(error, EALError) and error.code != "preempted":  # preempted by the next velocity
-            self._warn(error.message)
+        if not isinstance(error, EALError) or error.code == "preempted":  # preempted by the next velocity
+            return
+        if error.code == "resource_busy":  # it moves for its holder, whom a halt would stop
+            self._commanded_s = None
+        self._warn(error.message)
 
     def let_go(self) -> None:
         """Halt the robot if it is driven, and release its lease."""

@@ -60,6 +60,20 @@ def test_a_robot_that_another_controller_holds_does_not_follow_cmd_vel(peer: Ros
             wait_for(lambda: send(0.2) or abs(pose()[0] - end[0]) > 0.05, "it does not follow after the release")
 
 
+def test_refused_velocities_that_cease_do_not_halt_the_holder(peer: Ros2Peer, served: Path) -> None:
+    with Fleet.load(served) as holder, Fleet.load(served) as bridged:
+        bridge, settings = EALPluginManager().bridge("ros2", {"router": peer.endpoint})
+        with bridge.open_bridge(bridged, settings):
+            vector = peer.type("geometry_msgs/msg/Vector3")
+            commands = peer.publisher("/r1/cmd_vel", "geometry_msgs/msg/Twist")
+            turn = holder["r1"]["Base"].send_cmd("l720")
+            wait_for(lambda: holder["r1"]["Base"].get_status().get() == 1, "the holder's motion does not begin")
+            for _ in range(10):
+                commands.publish(linear=vector(x=0.2, y=0.0, z=0.0), angular=vector(x=0.0, y=0.0, z=0.0))
+                holder.clock.sleep(0.05)
+            assert turn.get() == 1  # it goes on for seconds after the last velocity
+
+
 def flood(send: Callable[[], None], over: threading.Event) -> int:
     """Publish velocities at the rate, as far as this machine can; return how many."""
     begin_s, sent = REAL_TIME.now(), 0
