@@ -17,7 +17,7 @@ EVBOTOS_TOOLS := apt bc binutils bison cryptsetup-bin device-tree-compiler dosfs
 	grub-common libelf-dev libssl-dev make mtools openssh-client qemu-system-arm qemu-system-x86 squashfs-tools \
 	tar u-boot-tools xz-utils zstd
 
-.PHONY: lock locked sbom demo demo-aarch64 demo-network demo-standards lab test test-slow check docs bench bench-peers bench-scale bench-go bench-panorama bench-proof soak fuzz fuzz-motions figures format evbotos-setup test-evbotos test-bitbake clean help
+.PHONY: lock locked sbom demo demo-aarch64 demo-network demo-standards lab test test-slow check docs bench bench-peers bench-scale bench-go bench-panorama bench-proof bench-lookahead soak fuzz fuzz-motions figures format evbotos-setup test-evbotos test-bitbake clean help
 
 help:  ## show this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -105,6 +105,9 @@ bench-go: $(STAMP)  ## measure robots that go where they are sent, 20 seeds each
 
 bench-panorama: $(STAMP)  ## measure panoramas of frames with faults; writes docs/panorama.md
 	$(BIN)/python -m tests.benchmarks.panorama --page docs/panorama.md
+
+bench-lookahead: $(STAMP)  ## measure the look-ahead with ten robots; writes docs/proving.md
+	$(BIN)/python -m tests.benchmarks.lookahead --page docs/proving.md
 
 bench-proof: $(STAMP)  ## prove the thesis's scenarios and ten planted bugs; writes docs/proving.md
 	$(BIN)/python -m tests.benchmarks.proof --planted --page docs/proving.md

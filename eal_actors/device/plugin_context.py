@@ -102,6 +102,7 @@ class FleetServices:
 
     Attributes:
         proximity_observer: receives the gaps around simulated robots; set it before the robots connect.
+        solid_robots: simulated robots touch and sense each other; set it before the robots connect.
         contacts: the contacts of simulated robots; a simulation appends to it, in any thread.
         markers: the id of the marker that each robot carries, by the robot's name.
     """
@@ -121,6 +122,7 @@ class FleetServices:
         self.open_camera = open_camera
         self.markers: Mapping[str, int] = {}
         self.proximity_observer: ProximityObserver | None = None
+        self.solid_robots = True
         self.contacts: Final[list[Contact]] = []
         self._lock = threading.RLock()
         self._shared: dict[Hashable, Any] = {}

@@ -359,6 +359,8 @@ def _nearest_m(ends: NDArray[np.float64], due: list[int]) -> list[float]:
 
 
 def _meet(one: SimRobot, other: SimRobot) -> bool:
+    if one.filter.group == other.filter.group:
+        return False
     reach_m = one.make.radius_m + other.make.radius_m
     end_m = math.dist(one.next_pose[:2], other.next_pose[:2])
     return end_m < reach_m and end_m < math.dist(one.pose[:2], other.pose[:2]) - _RECEDES_M

@@ -8,7 +8,7 @@ import threading
 import weakref
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from itertools import count
+from itertools import count, repeat
 from typing import Final, TypeAlias
 
 import pymunk
@@ -71,6 +71,7 @@ class SimWorld:
         model: WorldModel | None = None,
         observer: ProximityObserver | None = None,
         contacts: list[Contact] | None = None,
+        is_solid: bool = True,
     ) -> None:
         self.model: Final = model or EMPTY_ROOM
         self._clock = clock
@@ -88,7 +89,7 @@ class SimWorld:
         self._driven: list[SimRobot] = []
         self._free: FreeRobots[SimRobot] = FreeRobots(self.tick_s)
         self._tick_callbacks: list[TickCallback] = []
-        self._groups = count(1)
+        self._groups = count(1) if is_solid else repeat(1)  # one group: no touch, no sensing
         self.contacts: Final[list[Contact]] = [] if contacts is None else contacts
         self._touched_s: dict[frozenset[str], float] = {}  # when each pair has touched the last time
         self._engine = ContactEngine(self.model, self.tick_s, self._note_contact)
@@ -391,9 +392,7 @@ class _WorldLock:
         self._world.release()
 
 
-def world_of(services: FleetServices) -> SimWorld:
+def world_of(fleet: FleetServices) -> SimWorld:
     """Return the one world of a fleet. Thread: any."""
-    return services.shared(
-        "sim.world",
-        lambda: SimWorld(services.clock, services.seed, services.world, services.proximity_observer, services.contacts),
-    )
+    settings = (fleet.clock, fleet.seed, fleet.world, fleet.proximity_observer, fleet.contacts, fleet.solid_robots)
+    return fleet.shared("sim.world", lambda: SimWorld(*settings))

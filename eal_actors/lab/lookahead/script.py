@@ -1,9 +1,8 @@
 """The script of a robot: its steps and its path in a rehearsal, which the look-ahead continues from its live pose.
 
-A rehearsal resolves loops, conditions and Python steps, and its twins drive as the robots do. Ten twins can be
-opened and simulated for 10 s in 0.3 s of a processor, so a simulation each second would be affordable. But the engine
-cannot begin a scenario in the middle of its steps. So the twins drive the whole plan once, before the run, and the
-look-ahead moves the rest of their paths to the estimated poses.
+A rehearsal resolves loops, conditions and Python steps, and its twins drive as the robots do. The engine cannot begin
+a scenario in the middle of its steps. So the twins drive the whole plan once, before the run, and the look-ahead moves
+the rest of their paths to the estimated poses. The twins pass through each other.
 """
 
 from __future__ import annotations
@@ -13,12 +12,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from threading import Timer
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.log import get_logger
 from eal_actors.managers.twins import SimulatedFleet
 from eal_actors.recording.poses import PoseRecorder, PoseSample
 from eal_actors.scenario import Run, RunEvent, Scenario, StepEnded, StepStarted, make_plan
@@ -28,8 +29,11 @@ Floats = npt.NDArray[np.float64]
 
 _LIMIT_S: Final = 3600.0
 """A rehearsal is stopped after this time of its clock; the rest of the plan has no forecast."""
+_PATIENCE_S: Final = 60.0
+"""A rehearsal is stopped after this real time too."""
 _WAITS: Final = frozenset({"barrier", "wait_for", "wait_until"})
 _MAP_MOTIONS: Final = frozenset({"go_to", "follow", "formation", "visit"})
+_TOO_LONG: Final = "the rehearsal of the look-ahead takes too long: the rest of the plan has no forecast"
 _GOALS: Final = frozenset({"goto", "follow"})
 
 
@@ -83,9 +87,17 @@ def rehearse_scripts(scenario: Scenario, fleet: SimulatedFleet, binding: Wishes 
     started: dict[tuple[str, str], float] = {}
     steps: dict[str, list[ScriptStep]] = {}
 
+    stopped: list[str] = []
+
+    def stop() -> None:
+        if not stopped:
+            stopped.append(_TOO_LONG)
+            get_logger().warning(_TOO_LONG)
+            run.abort(_TOO_LONG)
+
     def hear(event: RunEvent) -> None:
         if event.time_s > _LIMIT_S:
-            run.abort("the rehearsal of the look-ahead takes too long")
+            stop()
         if isinstance(event, StepStarted) and event.robot is not None:
             started[event.robot, event.step] = event.time_s
         elif isinstance(event, StepEnded) and (robot := event.record.robot) is not None:
@@ -97,11 +109,18 @@ def rehearse_scripts(scenario: Scenario, fleet: SimulatedFleet, binding: Wishes 
             steps.setdefault(robot, []).append(ScriptStep(record.step, start_s, begin_s, record.end_s, goal))
 
     other_seed = replace(fleet.config, seed=fleet.config.seed + 1)  # the errors of the robots are not known in advance
-    with TemporaryDirectory(prefix="eal-lookahead-") as folder, Fleet(other_seed) as opened:
+    opened = Fleet(other_seed)
+    opened.services.solid_robots = False  # a contact would end motions that the real robots may complete
+    with TemporaryDirectory(prefix="eal-lookahead-") as folder, opened:
         plan = make_plan(scenario, opened, binding=binding)
         run = Run(plan, opened, Path(folder) / "run", [hear])
         with PoseRecorder(opened, plan.robots) as recorder:
-            run.start().get()
+            timer = Timer(_PATIENCE_S, stop)
+            timer.start()
+            try:
+                run.start().get()
+            finally:
+                timer.cancel()
         paths = recorder.paths_since(run.start_s)
     return _scripts(steps, paths)
 
