@@ -205,13 +205,10 @@ class ResourceActor(ReadinessActor):
         """Fail the running calls too; see EALActor."""
         running = [self._current, self._scheduled.call, *self.calls()]
         super().abandon(error)
-        now_s = self.clock.now()
         for call in running:
-            if call is None:
-                continue
-            if call.deadline_s is not None and now_s >= call.deadline_s:  # its caller may not have woken up yet
-                call.expire()
-            else:
+            if call is not None and self.clock.now() >= (call.deadline_s or math.inf):
+                call.expire()  # its caller may not have woken up yet
+            elif call is not None:
                 call.fail(error.copy())
 
     @override

@@ -62,7 +62,7 @@ from eal_actors.recording import (
     repair_record,
 )
 from eal_actors.recording.run_folder import TRAJECTORY
-from eal_actors.scenario import Listener, Plan, Report, Run, make_plan
+from eal_actors.scenario import Listener, Plan, Report, Run, Scenario, make_plan
 from eal_actors.scenario.language.binding import find_candidates
 
 if TYPE_CHECKING:
@@ -121,9 +121,10 @@ def run_scenario(
 
 @dataclass(frozen=True, slots=True)
 class _FinishedRun:
-    """A run that has ended: its report, its folder, and the number of signals received."""
+    """A run that has ended: its report, its scenario, its folder, and the number of signals received."""
 
     report: Report
+    scenario: Scenario
     directory: Path
     interrupts: int
 
@@ -148,7 +149,7 @@ def _show(finished: _FinishedRun, config: FleetConfig, console: Console, drawing
     if as_json:
         write_json(finished.report.model_dump(mode="json"))
     else:
-        print_summary(console, finished.report)
+        print_summary(console, finished.report, finished.scenario)
     print_line(console, f"run: {finished.directory}", "dim")
     files = {file.suffix[1:]: file for file in _draw_paths(finished, config, drawings)}
     for kind, file in files.items():
@@ -217,7 +218,7 @@ def _execute(
             interrupts = stack.enter_context(RunInterrupts(run))
             stack.enter_context(RunKeys(run))
             report = interrupts.wait(run.start())
-    return _FinishedRun(report, directory, interrupts.count)
+    return _FinishedRun(report, plan.scenario, directory, interrupts.count)
 
 
 def _plan(request: RunRequest, fleet: Fleet) -> Plan:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any, Final
 
 from rich.console import Console
@@ -13,9 +15,13 @@ from rich.tree import Tree
 
 from eal_actors.cli.output import counted, new_table, print_line
 from eal_actors.cli.progress import STYLES
-from eal_actors.scenario import Entry, Plan, Report, Timeline
+from eal_actors.kernel.bundled import short_path
+from eal_actors.kernel.errors import ScenarioError
+from eal_actors.scenario import Entry, Plan, Report, Scenario, StepRecord, Timeline
 from eal_actors.scenario.language.parameters import describe
+from eal_actors.scenario.steps.formation import FormationStep
 
+_LEAVES: Final = ("dropped", "replaced")
 _MOST_NAMES: Final = 6
 _MOST_ROWS: Final = 30  # rows of the longest table of steps; longer runs get a table of robots
 
@@ -86,12 +92,16 @@ def _add_entry(tree: Tree, entry: Entry) -> None:
         _add_entry(branch, inner)
 
 
-def print_summary(console: Console, report: Report) -> None:
-    """Print the result of every call, or of every robot in a long run, and every error."""
+def print_summary(console: Console, report: Report, scenario: Scenario) -> None:
+    """Print the result of every call, or of every robot in a long run, and every error.
+
+    An error of the scenario itself has its place in the file. The record has only the path of the step: it must be the
+    same when a copy of the file is run.
+    """
     console.print()
     console.print(_step_table(report) if len(report.steps) <= _MOST_ROWS else _robot_table(report))
     console.print()
-    for line in (_verdict(report), *_errors(report)):
+    for line in (_verdict(report), *_errors(report, scenario)):
         print_line(console, line)
 
 
@@ -112,7 +122,7 @@ def _step_table(report: Report) -> Table:
 def _robot_table(report: Report) -> Table:
     """Return a row for each robot; in a large fleet, for each robot that is not done, and one row for the others."""
     table = new_table("robot", "result", "calls", "failed", "duration", right=("calls", "failed", "duration"))
-    calls = Counter(step.robot for step in report.steps if step.is_call)
+    calls = _calls(report)
     failed = Counter(step.robot for step in report.steps if step.outcome not in ("done", "stopped"))
     ends_s = {step.robot: step.end_s for step in report.steps}
     show_all = len(report.robots) <= _MOST_ROWS
@@ -130,18 +140,33 @@ def _robot_table(report: Report) -> Table:
     return table
 
 
-def _errors(report: Report) -> list[Text]:
+def _calls(report: Report) -> Counter[str | None]:
+    """Return the number of calls by robot; a formation is one of each robot of its role that was still there."""
+    calls = Counter(step.robot for step in report.steps if step.is_call)
+    left_s = {step.robot: step.end_s for step in report.steps if step.robot is not None and step.outcome in _LEAVES}
+    for step in report.steps:
+        if step.kind == FormationStep.kind and step.role is not None:
+            names = report.roles[step.role]
+            calls.update(name for name in names if left_s.get(name, math.inf) > step.start_s)
+    return calls
+
+
+def _errors(report: Report, scenario: Scenario) -> list[Text]:
     """Return a line for each failed call, and for each error outside of calls."""
+    places = _places(report, scenario)
     printed: set[str] = set()
     lines: list[Text] = []
     for step in report.steps:
         if step.outcome in ("failed", "skipped", "replaced") and step.error is not None:
             prefix = f"{step.robot}  " if step.robot is not None else ""
-            lines.append(_error_line(f"{prefix}{step.label}", step.outcome, step.error.message))
+            lines.append(
+                _error_line(f"{prefix}{step.label}", step.outcome, f"{_place(step, scenario)}{step.error.message}")
+            )
             printed.add(step.error.message)
     for name, robot in report.robots.items():
         if robot.error is not None and robot.error.message not in printed:
-            lines.append(_error_line(name, robot.outcome, robot.error.message))
+            reason = f"{places.get((name, robot.error.message), '')}{robot.error.message}"
+            lines.append(_error_line(name, robot.outcome, reason))
             printed.add(robot.error.message)
     touched = report.contacts[:_MOST_ROWS]
     lines += [Text(f"{one.robot}  touched {one.other} at {one.time_s:.2f} s") for one in touched]
@@ -150,13 +175,30 @@ def _errors(report: Report) -> list[Text]:
     return lines
 
 
+def _place(step: StepRecord, scenario: Scenario) -> str:
+    """Return the place in the file of a step that failed because of the scenario itself; empty for other errors."""
+    if step.error is None or step.error.code != ScenarioError.code:
+        return ""
+    mark = scenario.position_of(step.step)
+    return f"{short_path(Path(mark.file))}:{mark.line}:{mark.column}: "
+
+
+def _places(report: Report, scenario: Scenario) -> dict[tuple[str | None, str], str]:
+    """Return the places of errors, by robot and message: a block repeats the error of its step, which comes first."""
+    found: dict[tuple[str | None, str], str] = {}
+    for step in report.steps:
+        if step.error is not None:
+            found.setdefault((step.robot, step.error.message), _place(step, scenario))
+    return found
+
+
 def _error_line(name: str, outcome: str, reason: str) -> Text:
     return Text.assemble(f"{name}  ", _styled(outcome), f": {reason}")
 
 
 def _verdict(report: Report) -> Text:
     robots = counted(len(report.robots), "robot")
-    calls = counted(sum(step.is_call for step in report.steps), "call")
+    calls = counted(_calls(report).total(), "call")
     skipped = sum(step.outcome == "skipped" for step in report.steps)
     skews = [start.skew_s for start in report.starts if start.skew_s is not None]
     return Text.assemble(

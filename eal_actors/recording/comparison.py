@@ -178,7 +178,10 @@ def _compare_paths(
         is_missing = sample is None or of_other is None
         if is_missing or any(abs(a - b) > tolerance for a, b in zip(sample, of_other, strict=True)):
             time_s = (sample or of_other).time_s
-            yield Difference(f"{robot} at {time_s:.3f} s", _format_pose(sample), _format_pose(of_other))
+            left, right = _format_pose(sample), _format_pose(of_other)
+            if left == right:  # the times differ, or the poses by less than is printed
+                left, right = (repr(tuple(one)) for one in (sample, of_other))
+            yield Difference(f"{robot} at {time_s:.3f} s", left, right)
             return
 
 

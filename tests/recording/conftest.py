@@ -13,6 +13,7 @@ from eal_actors.kernel.lock_step import MAX
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.recording import Extent, RunRecorder, keep_provenance
 from eal_actors.scenario import Run, load_scenario, make_plan
+from tests.patience import LONG_S
 
 SCENARIO = """\
 version: 1
@@ -42,7 +43,7 @@ def record_run(directory: Path, extent: Extent, seed: int = 3) -> Path:
         recorder = RunRecorder(fleet, fleet, directory, extent)  # evbot2-1 just stands there
         run = Run(plan, fleet, directory, [recorder.hear])
         with recorder:
-            report = run.start().get(timeout=60)
+            report = run.start().get(timeout=LONG_S)
     assert report.outcome == "done", report
     keep_provenance(directory, config, plan.scenario)
     return directory

@@ -55,6 +55,20 @@ def test_the_first_difference_of_a_path_is_reported(run: Path, other: Path) -> N
     assert found.where == f"{robot} at {float(time_s):.3f} s"
 
 
+def test_poses_that_differ_only_in_their_time_are_shown_with_it(run: Path, other: Path) -> None:
+    """Both sides showed the same pose."""
+    table = other / "trajectory.csv"
+    lines = table.read_text().splitlines()
+    robot, time_s, *rest = lines[5].split(",")
+    later = str(float(time_s) + 0.01)
+    lines[5] = ",".join([robot, later, *rest])
+    table.write_text("\n".join(lines) + "\n")
+    (found,) = compared(run, other)
+    assert found.left != found.right
+    assert repr(float(time_s)) in found.left
+    assert repr(float(later)) in found.right
+
+
 def test_saved_files_are_compared(run: Path, other: Path) -> None:
     (other / "roomba-1" / "frame.png").write_bytes(b"black")
     (other / "evbot3-1" / "frame.png").unlink()

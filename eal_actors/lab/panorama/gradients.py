@@ -24,6 +24,7 @@ that of the best.
 Dissimilarity is 1 - correlation. It decides in a bare room, where the long edge of the floor makes every shift look
 similar, but only one fits exactly. Repeating patterns and edges along the shift have rivals.
 """
+_LEAST_PROMINENCE: Final = 0.1  # of a doubtful shift: its correlation above that of most shifts
 _POINTS: Final = 5
 _POINTS_REACH: Final = 0.3  # share of the height
 _SIGMA_PX: Final = 1.0
@@ -98,6 +99,38 @@ def compare_gradients(first: Gradients, second: Gradients, expected_px: float, p
     if _is_clear(scores[:, column], row, reach):
         down_px = float(downs_px[row]) + _peak_offset(scores[row - 1 : row + 2, column])
     return Comparison(_shift_of(right_px, down_px, first.reaches.shape[0]), contradicts=False)
+
+
+@dataclass(frozen=True, slots=True)
+class DoubtfulShift:
+    """A shift that is too weak to be believed between strangers.
+
+    Attributes:
+        shift: the offset.
+        prominence: its correlation above the median of all shifts, less where odometry is far from it.
+    """
+
+    shift: Shift
+    prominence: float
+
+
+def doubtful_shift(first: Gradients, second: Gradients, expected_px: float, px_per_rad: float) -> DoubtfulShift | None:
+    """Return the shift that stands out most near the one by odometry; None if no other is clearly less.
+
+    Args: as of `compare_gradients`.
+    """
+    scores, rights_px, _ = _correlations(first, second, expected_px, px_per_rad)
+    profile = scores.max(axis=0, initial=-np.inf)
+    if not np.isfinite(profile).all() or len(profile) < 3:
+        return None
+    weights = np.exp(-0.5 * ((rights_px - expected_px) / (WINDOW_RAD * px_per_rad)) ** 2)
+    standing_out = (profile - np.median(profile)) * weights
+    column = int(np.argmax(standing_out))
+    prominence = float(standing_out[column])
+    if prominence < _LEAST_PROMINENCE or not _is_clear(standing_out, column, max(2, round(_PEAK_RAD * px_per_rad))):
+        return None
+    right_px = float(rights_px[column]) + _peak_offset(profile[column - 1 : column + 2])
+    return DoubtfulShift(_shift_of(right_px, 0.0, first.reaches.shape[0]), prominence)
 
 
 def _shift_of(right_px: float, down_px: float, height: int) -> Shift:

@@ -7,6 +7,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Final, NamedTuple
 
 import cv2
@@ -24,7 +25,15 @@ from eal_actors.lab.panorama.cylinder import (
     wrapped_rad,
 )
 from eal_actors.lab.panorama.features import Features, find_features, shift_by_features
-from eal_actors.lab.panorama.gradients import Comparison, Gradients, compare_gradients, gradients_of
+from eal_actors.lab.panorama.gaps import link_across_gap
+from eal_actors.lab.panorama.gradients import (
+    Comparison,
+    DoubtfulShift,
+    Gradients,
+    compare_gradients,
+    doubtful_shift,
+    gradients_of,
+)
 from eal_actors.lab.panorama.parallax import Parallax, TurnedCamera
 from eal_actors.lab.panorama.patches import Patch, patch_of
 from eal_actors.lab.panorama.ring import Links, Ring, closing_error_rad, ring_of
@@ -139,6 +148,7 @@ def _place(
         outliers = _find_outliers(pairs, compared)
         if not outliers:
             links = {pair: shift for pair in pairs if (shift := compared[pair].shift) is not None}
+            links |= link_across_gap(ring, links, partial(_doubtful, views, yaws_rad))
             return _solve(left, ring, links, unplaced, views, given, may_be_beside=way.width == _COARSE_WIDTH)
         unplaced |= {number: _reason(number, outliers[number], views, yaws_rad, names) for number in sorted(outliers)}
     return FramePlacement(camera, {}, {}, unplaced, None, {})
@@ -216,6 +226,16 @@ def _compare(first: _ComparedFrame, second: _ComparedFrame, expected_rad: float)
     if shift is not None:
         return Comparison(shift, contradicts=False)
     return compare_gradients(first.gradients, second.gradients, expected_px, px_per_rad)
+
+
+def _doubtful(
+    views: Mapping[int, _ComparedFrame], yaws_rad: Sequence[float], one: int, other: int
+) -> DoubtfulShift | None:
+    first, second = views[one], views[other]
+    if first.is_blank or second.is_blank:
+        return None
+    expected_px = wrapped_rad(yaws_rad[one] - yaws_rad[other]) * first.patch.px_per_rad
+    return doubtful_shift(first.gradients, second.gradients, expected_px, first.patch.px_per_rad)
 
 
 def _are_unlike(first: Patch, second: Patch, right_px: int) -> bool:

@@ -29,6 +29,7 @@ class StepAction:
         began_s: when it began, in seconds since the run's start, if it had to wait for others first.
         answer: the answer of a call, or None.
         late: outside of `on`, the robots that were at work when its time was up.
+        role: outside of `on`, the role whose robots it moves, by its name in the main scenario; None for none.
         path: where the record keeps its readings; None if the step itself is in the record.
     """
 
@@ -48,6 +49,7 @@ class StepAction:
         self.began_s: float | None = None
         self.answer: object = None
         self.late: Sequence[Participant] = ()
+        self.role: str | None = None
         self.path: str | None = None
         self._work = work
 

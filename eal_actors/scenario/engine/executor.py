@@ -341,7 +341,7 @@ class _Execution:
         def ended(time_s: float) -> StepEnded:
             record = StepRecord(
                 robot=self._name,
-                role=context.role,
+                role=context.role if action.role is None else action.role,
                 step=self._path,
                 branch=context.branch,
                 kind=self._step.kind,

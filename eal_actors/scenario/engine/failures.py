@@ -14,7 +14,6 @@ from eal_actors.kernel.errors import CallCancelledError, CallError, EALError, St
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.frames import Participant
 from eal_actors.scenario.engine.loop import Coroutine
-from eal_actors.scenario.language.expressions import WorkLimitError
 from eal_actors.scenario.language.scenario import FallibleModel
 from eal_actors.scenario.language.values import OnFailure, RetryPolicy, final_action
 from eal_actors.scenario.report.events import StepRetried
@@ -60,10 +59,7 @@ class StepFailure:
             losses: the number of the robot's losses before the last one.
         """
         run = self._run
-        if isinstance(error, WorkLimitError):
-            mark = run.main.scenario.position_of(self._path)
-            self.error = WorkLimitError(f"{mark.file}:{mark.line}:{mark.column}: {error.message}")
-        elif (after_loss := (yield from self._after_loss(error, losses))) is None:
+        if (after_loss := (yield from self._after_loss(error, losses))) is None:
             return True
         else:
             self.error = after_loss

@@ -111,7 +111,9 @@ class FormationStep(TimedStep):
     def attempt(self, action: StepAction) -> Coroutine:
         run, context = action.run, action.context
         names = run.namespace(context)
-        robots = {slot.robot.name: slot.robot.handle for slot in run.slots_of(self.formation.role, context)}
+        slots = run.slots_of(self.formation.role, context)
+        action.role = next((slot.role for slot in slots), None)
+        robots = {slot.robot.name: slot.robot.handle for slot in slots}
         context.task.touch(None)
         poses = run.fleet.read(robots.values(), "Pose")
         yield from run.wait(context, poses)
