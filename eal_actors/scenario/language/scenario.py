@@ -39,10 +39,12 @@ class Step(StrictModel):
     Attributes:
         kind: the key that names the kind.
         is_expectation: it checks the run, so that its failure is a result.
+        moves_its_role: it moves all robots of a role by one call of each.
     """
 
     kind: ClassVar[str]
     is_expectation: ClassVar[bool] = False
+    moves_its_role: ClassVar[bool] = False
 
     safe_to_repeat: bool | None = None
     """For steps of the top level: a resumed run may repeat the step; defaults to that of the file."""
