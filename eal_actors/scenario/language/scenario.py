@@ -52,8 +52,6 @@ class Step(StrictModel):
     """Time out of reach after which the step of a robot fails, in seconds of the fleet's clock; also for the steps
     inside; defaults to that of the block around it, or of the file."""
 
-    # Structure.
-
     def children(self) -> Sequence[tuple[Keys, tuple[Step, ...]]]:
         """Return the lists of steps inside the step, each with its keys."""
         return ()
