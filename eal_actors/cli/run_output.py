@@ -19,7 +19,7 @@ from eal_actors.kernel.bundled import short_path
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.scenario import Entry, Plan, Report, Scenario, StepRecord, Timeline
 from eal_actors.scenario.language.parameters import describe
-from eal_actors.scenario.steps.formation import FormationStep
+from eal_actors.scenario.steps.registry import kinds
 
 _LEAVES: Final = ("dropped", "replaced")
 _MOST_NAMES: Final = 6
@@ -145,7 +145,7 @@ def _calls(report: Report) -> Counter[str | None]:
     calls = Counter(step.robot for step in report.steps if step.is_call)
     left_s = {step.robot: step.end_s for step in report.steps if step.robot is not None and step.outcome in _LEAVES}
     for step in report.steps:
-        if step.kind == FormationStep.kind and step.role is not None:
+        if step.role is not None and step.kind in kinds() and kinds()[step.kind].moves_its_role:
             names = report.roles[step.role]
             calls.update(name for name in names if left_s.get(name, math.inf) > step.start_s)
     return calls

@@ -15,7 +15,8 @@ The engine also keeps declared keys and subscriptions, without a bound: 20,000 k
 control does not look at, took a robot from 83 to 152 MB. So while memory is short, the watch ends the link that has
 sent the most, and the engine frees what came over it; see memory_room.
 
-Limits: TCP and TLS on Linux. A QUIC link shows no unread bytes.
+Limits: TCP and TLS on Linux; systems without /proc show no sockets, so nothing is watched there. A QUIC link shows no
+unread bytes.
 """
 
 from __future__ import annotations

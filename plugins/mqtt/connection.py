@@ -32,6 +32,7 @@ from .settings import BrokerSettings
 _KEEPALIVE_S: Final = 10
 _CONNECT_S: Final = 3.0
 _LONGEST_RETRY_S: Final = 5
+_POLL_S: Final = 0.02
 _CLOSE_S: Final = 2.0
 _MOST_BYTES: Final = 1 << 25
 """Longest packet that a broker of MQTT 5 may send."""
@@ -86,6 +87,11 @@ class TopicInbox:
         is_too_long = len(payload) > self._max_bytes
         self._waiting.append(MqttReceived(b"" if is_too_long else payload, arrived_s, is_too_long))
 
+    @property
+    def has_message(self) -> bool:
+        """Whether a message is kept."""
+        return bool(self._waiting)
+
     def take(self) -> MqttReceived | None:
         """Return the oldest message that is kept; None if there is none.
 
@@ -130,6 +136,7 @@ class MqttConnection:
         self._greeting = greeting
         self._problem = "not tried yet"
         self._was_open = False
+        self._has_failed = False
         self._is_ready = False
         self._log = get_logger(broker=self.url)
         self._client = self._make_client(settings, name, will)
@@ -173,7 +180,7 @@ class MqttConnection:
 
     def _on_connect(self, client: paho.Client, _: Any, __: Any, reason: Any, ___: Any) -> None:
         if reason.is_failure:
-            self._problem = f"it refuses this client: {str(reason).lower()}"
+            self._problem, self._has_failed = f"it refuses this client: {str(reason).lower()}", True
             return
         self._problem = "its subscriptions are not confirmed"
         if self._qualities:
@@ -193,7 +200,7 @@ class MqttConnection:
             self._send(self._greeting())
         if self._was_open:
             self._log.info("the broker is back")
-        self._was_open, self._is_ready, self._problem = True, True, ""
+        self._was_open, self._is_ready, self._has_failed, self._problem = True, True, False, ""
 
     def _on_disconnect(self, _: paho.Client, __: Any, ___: Any, reason: Any, ____: Any) -> None:
         if self._is_ready:
@@ -202,7 +209,7 @@ class MqttConnection:
 
     def _on_connect_fail(self, _: paho.Client, __: Any) -> None:
         error = sys.exc_info()[1]  # the client calls this while it handles it
-        self._problem = str(getattr(error, "strerror", None) or error).lower()
+        self._problem, self._has_failed = str(getattr(error, "strerror", None) or error).lower(), True
 
     def _on_message(self, _: paho.Client, __: Any, message: paho.MQTTMessage) -> None:
         for inbox in self._inboxes.get(message.topic, ()):
@@ -216,6 +223,12 @@ class MqttConnection:
         self._inboxes.setdefault(topic, []).append(inbox)
         self._qualities[topic] = max(qos, self._qualities.get(topic, 0))
         return inbox
+
+    def wait_until(self, is_there: Callable[[], bool], within_s: float) -> None:
+        """Wait until something holds; not for an absent broker. Thread: blocks the caller."""
+        end_s = self._clock.now() + within_s
+        while not (is_there() or self._has_failed) and self._clock.now() < end_s:
+            self._clock.sleep(_POLL_S)
 
     def publish(self, message: MqttMessage) -> None:
         """Publish a message.
@@ -246,11 +259,15 @@ class MqttConnection:
         if farewell is not None and self._is_ready:
             self._send(farewell)
         self._client.disconnect()
-        end = threading.Thread(target=self._client.loop_stop, name=f"closing {self.url}", daemon=True)
+        end = threading.Thread(target=self._end, name=f"closing {self.url}", daemon=True)
         end.start()
         if wait:
             with self._clock.outside():
                 end.join(_CLOSE_S)
+
+    def _end(self) -> None:
+        self._client.loop_stop()
+        self._client._reset_sockets()  # noqa: SLF001  # its own pair of sockets, which only its destructor closes
 
 
 def _password(file: str | None) -> str | None:

@@ -5,14 +5,18 @@ from __future__ import annotations
 import uuid
 from collections.abc import Callable
 from functools import partial
+from typing import Final
 
 from eal_actors.plugin import DataError, FactoryPlugin, PluginContext, Resource
 
-from .connection import MqttConnection, MqttMessage
+from .connection import MqttConnection, MqttMessage, TopicInbox
 from .resources import MqttReader, MqttWriter
 from .settings import AnnounceSettings, PresenceSettings, Settings
 
 __all__ = ["Settings"]
+
+_FIRST_S: Final = 1.0
+"""A broker sends what it has retained at once."""
 
 
 class MqttPlugin(FactoryPlugin):
@@ -55,6 +59,8 @@ def connect(context: PluginContext) -> MqttPlugin:
 
     Raises:
         PluginError: a certificate or the password cannot be read.
+
+    Thread: the robot's; blocks at most a second of the fleet's clock.
     """
     settings: Settings = context.settings
     announce = settings.announce
@@ -67,13 +73,18 @@ def connect(context: PluginContext) -> MqttPlugin:
     )
     presence = Presence(connection, settings.presence)
     makers: dict[str, Callable[[], Resource]] = {}
+    inboxes: list[TopicInbox] = []
     for name, topic in settings.topics.items():
         if topic.writable:
             makers[name] = partial(MqttWriter, topic, connection, presence.why_not_ready)
         else:
             inbox = connection.subscribe(topic.topic, qos=topic.qos, max_bytes=topic.max_bytes)
+            inboxes.append(inbox)
             makers[name] = partial(MqttReader, topic, inbox, context.clock, presence.why_not_ready)
     connection.open()
+    connection.wait_until(
+        lambda: connection.why_not_ready() is None and all(inbox.has_message for inbox in inboxes), _FIRST_S
+    )
     return MqttPlugin(connection, makers, None if announce is None else _said(announce, announce.offline))
 
 

@@ -68,7 +68,7 @@ class Base(DifferentialBase):
 
     @override
     def set_value(self, data: EALData) -> Activity:
-        raise UnsupportedError("VDA 5050 knows no velocities: use goto, follow or f<metres>")
+        raise UnsupportedError("set_value: VDA 5050 knows no velocities: use goto, follow or f<metres>")
 
     @override
     def follow(self, speed_m_s: float, turn_rate_rad_s: float, timeout_s: float) -> Activity:

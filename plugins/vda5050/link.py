@@ -50,6 +50,8 @@ _POLL_S: Final = 0.02
 _REPEAT_S: Final = 1.0
 """Time after which an unconfirmed halt is sent again."""
 _LONG_S: Final = 3.0
+_FIRST_S: Final = 2.0
+"""A broker sends what it has retained at once; an AGV sends its state when something changes."""
 _OPEN_S: Final = 5.0
 _NOISE: Final = OdometryNoise(scatter_m=0.0, turn_scatter_rad=0.0, scale_share=1e-4, drift_rad_m=1e-4, turn_share=1e-4)
 """The AGV localises itself, so errors do not grow with the way."""
@@ -88,6 +90,13 @@ class AgvLink:
         self._cancellation = ""
         self._localizer.attach(_NOISE, refresh=self.refresh, not_ready=self.why_not_ready)
         self._connection.open()
+
+    def await_first_state(self) -> None:
+        """Wait until the AGV's state is known, so that the first call answers; not for an AGV that is offline."""
+        self._connection.wait_until(lambda: self.why_not_ready() is None or self._is_away(), _FIRST_S)
+
+    def _is_away(self) -> bool:
+        return self._connected not in (None, "ONLINE")
 
     def close(self) -> None:
         """End both connections."""

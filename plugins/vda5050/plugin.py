@@ -34,8 +34,12 @@ def connect(context: PluginContext) -> AgvPlugin:
 
     Raises:
         PluginError: a certificate or the password cannot be read.
+
+    Thread: the robot's; blocks at most two seconds of the fleet's clock.
     """
-    return AgvPlugin(context, AgvLink(context, context.settings))
+    link = AgvLink(context, context.settings)
+    link.await_first_state()
+    return AgvPlugin(context, link)
 
 
 def disconnect(plugin: AgvPlugin) -> None:

@@ -28,6 +28,7 @@ from .link import AgvLink
 from .messages import AgvAction
 
 _POLL_S: Final = 0.05
+_FACTSHEET_S: Final = 3.0
 _JSON: Final = ValueInfo(DataType.CHAR, description="JSON")
 
 
@@ -100,22 +101,29 @@ class Factsheet(AgvResource):
         super().__init__(link)
         self._newest: Any = None
 
-    def get_value(self) -> str:
-        """Return the newest factsheet.
+    def get_value(self) -> Activity:
+        """Return the newest factsheet; the AGV is asked for it if there is none.
 
         Raises:
             DataError: it is too long.
-            NotReadyError: there is none yet; it has been asked for.
+            NotReadyError: the AGV sends none.
         """
+        self._take()
+        if self._newest is None:
+            self._link.send_actions([_action({"actionType": "factsheetRequest"})])
+        for _ in range(round(_FACTSHEET_S / _POLL_S)):
+            if self._newest is not None:
+                return json.dumps(self._newest)
+            yield _POLL_S
+            self._take()
+        raise NotReadyError(f"the AGV has sent no factsheet within {_FACTSHEET_S:g} s")
+
+    def _take(self) -> None:
         while (received := self._link.factsheets.take()) is not None:
             try:
                 self._newest = json.loads(received.payload)
             except (ValueError, RecursionError) as error:
                 raise ResourceFaultError(f"the AGV's factsheet is no JSON: {error}") from None
-        if self._newest is None:
-            self._link.send_actions([_action({"actionType": "factsheetRequest"})])
-            raise NotReadyError("no factsheet yet; it has been asked for")
-        return json.dumps(self._newest)
 
 
 class Actions(AgvResource):

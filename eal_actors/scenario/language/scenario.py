@@ -39,18 +39,18 @@ class Step(StrictModel):
     Attributes:
         kind: the key that names the kind.
         is_expectation: it checks the run, so that its failure is a result.
+        moves_its_role: it moves all robots of a role by one call of each.
     """
 
     kind: ClassVar[str]
     is_expectation: ClassVar[bool] = False
+    moves_its_role: ClassVar[bool] = False
 
     safe_to_repeat: bool | None = None
     """For steps of the top level: a resumed run may repeat the step; defaults to that of the file."""
     lost_after_s: NonNegativeFloat | None = None
     """Time out of reach after which the step of a robot fails, in seconds of the fleet's clock; also for the steps
     inside; defaults to that of the block around it, or of the file."""
-
-    # Structure.
 
     def children(self) -> Sequence[tuple[Keys, tuple[Step, ...]]]:
         """Return the lists of steps inside the step, each with its keys."""

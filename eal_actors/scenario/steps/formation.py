@@ -42,6 +42,7 @@ class FormationStep(TimedStep):
     """Let the robots of a role take up the places of a shape, all together and without collisions."""
 
     kind = "formation"
+    moves_its_role = True
     formation: FormationArguments
 
     @override

@@ -187,6 +187,16 @@ def test_http_needs_the_token(tmp_path: Path) -> None:
         header = process.stderr.readline().strip().partition(": ")[2]
         assert httpx2.post(url, json={}).status_code == 401
         assert httpx2.post(url, json={}, headers={"Authorization": "Bearer x"}).status_code == 401
+        assert httpx2.post(url, content=b"x" * (50 << 20), timeout=60).status_code == 401
+        own = {"Authorization": header, "Content-Type": "application/json", "Accept": "application/json"}
+        for status, headers, content in (
+            (403, {"Origin": "http://elsewhere.example"}, b"{}"),  # a page in a browser of this machine
+            (421, {"Host": "elsewhere.example"}, b"{}"),  # a name that was bound to this address again
+            (413, {}, b"x" * (5 << 20)),
+            (400, {"Accept": "application/json, text/event-stream"}, b"[" * 100_000),
+            (400, {"Accept": "application/json, text/event-stream"}, b"\xff"),
+        ):
+            assert httpx2.post(url, content=content, headers={**own, **headers}, timeout=60).status_code == status
 
         async def work() -> list[str]:
             from mcp import ClientSession

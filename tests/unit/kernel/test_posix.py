@@ -45,6 +45,7 @@ def hidden_import_module(name, package=None):
 builtins.__import__, importlib.import_module = hidden_import, hidden_import_module
 for owner, name in ((signal, "SIGHUP"), (os, "getuid"), (os, "memfd_create"), (os, "openpty"), (select, "poll")):
     delattr(owner, name)
+delattr(socket, "TCP_INFO")
 """
 )
 """Hides modules from this project's files, and functions from all. Packages of others have their own ways elsewhere."""
@@ -104,6 +105,43 @@ except SystemExit as end:
     print(end.code)
 """
     assert run(program, tmp_path).strip() == "this system has no pseudo-terminals"
+
+
+SERVED = """
+import json, threading
+from pathlib import Path
+from eal_actors import Fleet
+from eal_actors.facade.service import RobotService
+from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.managers.config import EALConfigManager
+from eal_actors.wire import link_watch, own_sockets
+os.environ["USERNAME"] = "tester"  # which Windows sets
+own_sockets.OPEN_FILES = Path("/no/such/folder")  # as where there is no /proc
+looked, failed = threading.Semaphore(0), []
+real_look = link_watch.LinkWatch.look
+def look(watch):
+    try:
+        real_look(watch)
+    finally:
+        looked.release()
+link_watch.LinkWatch.look = look
+threading.excepthook = failed.append
+with socket.socket() as probe:
+    probe.bind(("127.0.0.1", 0))
+    address = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+robot = {"plugins": {"sim": {"model": "roomba"}}, "address": address}
+Path("fleet.yaml").write_text(json.dumps({"version": 1, "name": "one", "robots": {"r1": robot}}))
+with RobotService(EALConfigManager.load(Path("fleet.yaml")).fleet, "r1"), Fleet.load(Path("fleet.yaml")) as fleet:
+    print(fleet["r1"]["Base"].send_cmd("r45").get())
+    for _ in range(3):
+        assert looked.acquire(timeout=60)
+    print(fleet["r1"]["Base"].send_cmd("l45").get(), failed)
+"""
+
+
+@pytest.mark.slow
+def test_a_served_robot_moves_without_its_links_being_watched(tmp_path: Path) -> None:
+    assert run(SERVED, tmp_path).split("\n")[:2] == ["1", "1 []"]
 
 
 def test_a_simulated_robot_moves(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from paho.mqtt import client as paho
 from paho.mqtt.enums import CallbackAPIVersion
 from vda5050 import MasterClient, MasterConfig, VehicleClient, VehicleConfig
 from vda5050.client.agv.executor import OrderExecutor
+from vda5050.model.factsheet import Factsheet
 from vda5050.validation import default_validator
 
 from tests.unit.plugins.mqtt.rig import Broker
@@ -56,6 +57,17 @@ class _Driver(OrderExecutor):
         await self._agv.go(node.node_position)
 
 
+def _factsheet() -> Factsheet:
+    return Factsheet(
+        header_id=0,
+        timestamp="1970-01-01T00:00:00.00Z",
+        version="2.1.0",
+        manufacturer="",
+        serial_number="",
+        vehicle_config={},
+    )
+
+
 class SdkAgv:
     """An AGV.
 
@@ -90,7 +102,7 @@ class SdkAgv:
         self._loop.close()
 
     async def _connect(self) -> None:
-        self.client = VehicleClient(self._config)
+        self.client = VehicleClient(self._config, factsheet_provider=_factsheet)
         self.client.on_order(self._take_order)
         self.client.on_instant_actions(self._take_actions)
         await self.client.connect()
@@ -104,6 +116,8 @@ class SdkAgv:
 
     def _report(self) -> None:
         x, y, theta = self.pose
+        battery = self.client.publisher.battery
+        self.client.publisher.set_battery(battery.model_copy(update={"battery_voltage": 48.2}))
         self.client.update_position(x=x, y=y, theta=theta, map_id=MAP)
 
     async def _take_order(self, order: Any) -> None:

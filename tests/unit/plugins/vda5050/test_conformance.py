@@ -6,7 +6,7 @@ import pytest
 
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.testing.conformance import CHECKS, Bench, Check, run_check, settings_of
-from tests.unit.plugins.mqtt.rig import Broker
+from tests.unit.plugins.mqtt.rig import Broker, Device
 from tests.unit.plugins.vda5050.rig import SdkAgv
 
 pytestmark = pytest.mark.slow
@@ -24,5 +24,7 @@ def test_an_agv_conforms(broker: Broker, check: Check) -> None:
 def test_topics_conform(broker: Broker, check: Check) -> None:
     topics = {"Say": {"topic": "check/say", "writable": True, "halt": "stop"}, "Hear": {"topic": "check/say"}}
     settings = settings_of({"broker": broker.url, "topics": topics})
-    result = run_check(check, Bench(bundled_path("plugins/mqtt"), settings, timeout_s=30.0))
+    with Device(broker) as device:
+        device.say("check/say", "standing", retain=True)
+        result = run_check(check, Bench(bundled_path("plugins/mqtt"), settings, timeout_s=30.0))
     assert result.outcome != "failed", "\n".join([check.description, *result.problems])
