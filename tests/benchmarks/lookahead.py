@@ -14,7 +14,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from eal_actors.facade.fleet import Fleet
-from eal_actors.lab.lookahead import Finding, Lookahead, rehearse_scripts
+from eal_actors.lab.lookahead import ForeseenEvent, Lookahead, rehearse_scripts
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.twins import simulated
 from eal_actors.scenario import Run, load_scenario, make_plan
@@ -50,14 +50,14 @@ def write_files(folder: Path, seed: int) -> tuple[Path, Path]:
     return scenario, fleet
 
 
-def measure(folder: Path, seed: int) -> tuple[list[Contact], list[tuple[float, Finding]], float, float]:
+def measure(folder: Path, seed: int) -> tuple[list[Contact], list[tuple[float, ForeseenEvent]], float, float]:
     """Return contacts, findings, duration by the fleet's clock and processor time of one run at rate max."""
     scenario_file, fleet_file = write_files(folder, seed)
     scenario, config = load_scenario(scenario_file), EALConfigManager.load(fleet_file).fleet
     scripts = rehearse_scripts(scenario, simulated(config, config.robots))
-    looks: list[tuple[float, Finding]] = []
+    looks: list[tuple[float, ForeseenEvent]] = []
 
-    def keep(time_s: float, findings: Sequence[Finding]) -> None:
+    def keep(time_s: float, findings: Sequence[ForeseenEvent]) -> None:
         looks.extend((time_s, finding) for finding in findings if finding.other in config.robots)
 
     with Fleet(config) as fleet:
@@ -75,7 +75,7 @@ def measure(folder: Path, seed: int) -> tuple[list[Contact], list[tuple[float, F
     return contacts, looks, duration_s, used_s
 
 
-def judge(contacts: Sequence[Contact], looks: Sequence[tuple[float, Finding]]) -> tuple[int, int]:
+def judge(contacts: Sequence[Contact], looks: Sequence[tuple[float, ForeseenEvent]]) -> tuple[int, int]:
     """Return how many contacts were foretold in time, and the number of false holds; a pair's of 10 s count once."""
     pairs = [(frozenset({found.robot, str(found.other)}), at_s, found.in_s) for at_s, found in looks]
     foretold = sum(

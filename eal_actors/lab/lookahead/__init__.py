@@ -7,16 +7,16 @@ with Lookahead(fleet, plan.robots, scripts) as lookahead:
     report = run.start().get()
 """
 
-from eal_actors.lab.lookahead.forecast import Finding, Forecast, RobotState, forecast
+from eal_actors.lab.lookahead.forecast import Forecast, ForeseenEvent, PresentState, forecast
 from eal_actors.lab.lookahead.script import Script, ScriptStep, rehearse_scripts
 from eal_actors.lab.lookahead.watching import Lookahead, LookaheadOptions
 
 __all__ = [
-    "Finding",
     "Forecast",
+    "ForeseenEvent",
     "Lookahead",
     "LookaheadOptions",
-    "RobotState",
+    "PresentState",
     "Script",
     "ScriptStep",
     "forecast",

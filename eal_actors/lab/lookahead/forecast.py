@@ -24,7 +24,7 @@ _YAW_M: Final = 0.3
 
 
 @dataclass(frozen=True, slots=True)
-class RobotState:
+class PresentState:
     """The present state of a robot.
 
     Attributes:
@@ -47,7 +47,7 @@ class RobotState:
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class ForeseenEvent:
     """A foreseen event.
 
     Attributes:
@@ -70,11 +70,11 @@ class Forecast:
     """Future poses by robot, one each `TICK_S` from now on, shape (n, 3), and what follows from them, soonest first."""
 
     poses: Mapping[str, Floats]
-    findings: tuple[Finding, ...]
+    findings: tuple[ForeseenEvent, ...]
 
 
 def forecast(
-    robots: Mapping[str, RobotState], horizon_s: float, margin_m: float, world: WorldModel | None = None
+    robots: Mapping[str, PresentState], horizon_s: float, margin_m: float, world: WorldModel | None = None
 ) -> Forecast:
     """Continue the scripts of all robots, and find what they touch.
 
@@ -92,7 +92,7 @@ def forecast(
 # Time: how far each robot is in its script, and when waits for others end.
 
 
-def _future(robots: Mapping[str, RobotState], ticks: int) -> dict[str, Floats]:
+def _future(robots: Mapping[str, PresentState], ticks: int) -> dict[str, Floats]:
     scripts = {name: state.script for name, state in robots.items() if state.script is not None}
     now = {name: script_time(robots[name], script) for name, script in scripts.items()}
     clocks = {name: [time_s] for name, time_s in now.items()}
@@ -114,7 +114,7 @@ def _future(robots: Mapping[str, RobotState], ticks: int) -> dict[str, Floats]:
     }
 
 
-def script_time(state: RobotState, script: Script) -> float:
+def script_time(state: PresentState, script: Script) -> float:
     """Return the time in the script at which a robot is, by its progress in the step under way."""
     if not script.steps:
         return 0.0
@@ -180,22 +180,24 @@ def _continued(script: Script, times_s: Floats, pose: tuple[float, float, float]
 # Gaps.
 
 
-def _meetings(robots: Mapping[str, RobotState], poses: Mapping[str, Floats], margin_m: float) -> Iterator[Finding]:
+def _meetings(
+    robots: Mapping[str, PresentState], poses: Mapping[str, Floats], margin_m: float
+) -> Iterator[ForeseenEvent]:
     for one, other in combinations(robots, 2):
         apart_m = np.hypot(*(poses[one][:, :2] - poses[other][:, :2]).T)
         tick = _first_touch(apart_m - robots[one].radius_m - robots[other].radius_m, margin_m)
         if tick is not None:
             movers = tuple(name for name in (one, other) if _moves(poses[name], tick))
-            yield Finding("contact", one, other, tick * TICK_S, movers)
+            yield ForeseenEvent("contact", one, other, tick * TICK_S, movers)
 
 
 def _hits(
-    robots: Mapping[str, RobotState], poses: Mapping[str, Floats], margin_m: float, world: WorldModel
-) -> Iterator[Finding]:
+    robots: Mapping[str, PresentState], poses: Mapping[str, Floats], margin_m: float, world: WorldModel
+) -> Iterator[ForeseenEvent]:
     for name, state in robots.items():
         for kind, other, gaps_m in _gaps_m(poses[name], state.radius_m, world):
             if (tick := _first_touch(gaps_m, margin_m)) is not None:
-                yield Finding(kind, name, other, tick * TICK_S, (name,))
+                yield ForeseenEvent(kind, name, other, tick * TICK_S, (name,))
 
 
 def _gaps_m(path: Floats, radius_m: float, world: WorldModel) -> Iterator[tuple[str, str, Floats]]:

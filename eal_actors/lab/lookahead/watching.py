@@ -15,7 +15,7 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import new_waiter
 from eal_actors.kernel.errors import EALError, UnavailableError
 from eal_actors.kernel.log import get_logger
-from eal_actors.lab.lookahead.forecast import Finding, RobotState, forecast
+from eal_actors.lab.lookahead.forecast import ForeseenEvent, PresentState, forecast
 from eal_actors.lab.lookahead.script import Script
 from eal_actors.recording.value_messages import hull_radii_m, resource_infos
 from eal_actors.scenario import Run, RunEvent, StepEnded, StepStarted
@@ -80,7 +80,7 @@ class Lookahead:
         robots: tuple[str, ...],
         scripts: Mapping[str, Script],
         options: LookaheadOptions | None = None,
-        on_look: Callable[[float, Sequence[Finding]], None] | None = None,
+        on_look: Callable[[float, Sequence[ForeseenEvent]], None] | None = None,
     ) -> None:
         self._fleet = fleet
         self._options = options or LookaheadOptions()
@@ -170,11 +170,11 @@ class Lookahead:
             values[name] = tuple(map(float, value)) if resource == _POSE else (float(value),)
         return values
 
-    def _state(self, name: str, pose: tuple[float, ...], now_s: float) -> RobotState:
+    def _state(self, name: str, pose: tuple[float, ...], now_s: float) -> PresentState:
         tracked = self._tracked[name]
         began = tracked.began_at
         x_m, y_m, yaw_rad = pose
-        state = RobotState(
+        state = PresentState(
             (x_m, y_m, yaw_rad),
             self._radii_m.get(name, _DEFAULT_RADIUS_M),
             tracked.script,
@@ -187,7 +187,7 @@ class Lookahead:
         first_x_m, first_y_m, first_yaw_rad = map(float, began.get().value)
         return replace(state, began_at=(first_x_m, first_y_m, first_yaw_rad))
 
-    def _empty_batteries(self, now_s: float) -> list[Finding]:
+    def _empty_batteries(self, now_s: float) -> list[ForeseenEvent]:
         found = []
         for name, (charge,) in self._read(self._powered, _BATTERY).items():
             charges = self._tracked[name].charges
@@ -198,10 +198,10 @@ class Lookahead:
             spent = (first - charge) / (now_s - first_s) if now_s - first_s >= _SLOPE_S else 0.0
             if charge - spent * self._options.horizon_s < _LOW_CHARGE:
                 in_s = max(0.0, (charge - _LOW_CHARGE) / spent) if spent > 0 else 0.0
-                found.append(Finding("battery", name, None, in_s, ()))
+                found.append(ForeseenEvent("battery", name, None, in_s, ()))
         return found
 
-    def _report(self, finding: Finding) -> None:
+    def _report(self, finding: ForeseenEvent) -> None:
         key = (finding.kind, finding.robot, finding.other)
         is_near = finding.kind != "battery" and finding.in_s <= self._options.hold_s
         holds = self._options.holds and is_near and key not in self._held
@@ -224,7 +224,7 @@ class Lookahead:
                 continue
 
 
-def describe(finding: Finding, *, is_held: bool) -> str:
+def describe(finding: ForeseenEvent, *, is_held: bool) -> str:
     """Return a finding for people."""
     what = {
         "contact": f"will touch {finding.other}",

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eal_actors.lab.lookahead import RobotState, Script, ScriptStep, forecast
+from eal_actors.lab.lookahead import PresentState, Script, ScriptStep, forecast
 
 
 def straight(begin_s: float = 0.0, *, has_goal: bool = False) -> Script:
@@ -18,8 +18,8 @@ def straight(begin_s: float = 0.0, *, has_goal: bool = False) -> Script:
     return Script([step], times_s, np.array([[0.0, 0, 0], [0.0, 0, 0], [2.0, 0, 0]]))
 
 
-def running(pose: tuple[float, float, float], script: Script, elapsed_s: float = 0.0) -> RobotState:
-    return RobotState(pose, 0.1, script, 0, elapsed_s, is_running=True)
+def running(pose: tuple[float, float, float], script: Script, elapsed_s: float = 0.0) -> PresentState:
+    return PresentState(pose, 0.1, script, 0, elapsed_s, is_running=True)
 
 
 def test_a_relative_motion_goes_where_the_robot_looks() -> None:
@@ -33,7 +33,7 @@ def test_a_motion_to_a_place_ends_there() -> None:
 
 
 def test_the_contact_with_a_robot_that_stands_is_foreseen() -> None:
-    robots = {"ann": running((0.0, 0.0, 0.0), straight()), "bob": RobotState((1.2, 0.0, 0.0), 0.1)}
+    robots = {"ann": running((0.0, 0.0, 0.0), straight()), "bob": PresentState((1.2, 0.0, 0.0), 0.1)}
     (finding,) = forecast(robots, 10.0, 0.0).findings
     assert (finding.robot, finding.other, finding.movers) == ("ann", "bob", ("ann",))
     assert finding.in_s == pytest.approx(5.0, abs=0.11)
