@@ -41,6 +41,10 @@ def examine(
     Checks packages, clock, plugins, devices and their permissions, cameras, certificates and ports. Pings the robots of
     other processes. No robot moves. Exits with 1 if there is a problem; warnings do not count.
     """
+    if robots and fleet is None:
+        raise typer.BadParameter(
+            f"{robots[0]}: without --fleet there are no robots to check", param_hint="'[ROBOT]...'"
+        )
     findings = [*diagnose_machine(), *(_of_fleet(fleet, robots or []) if fleet is not None else ())]
     problems = sum(finding.level is Severity.PROBLEM for finding in findings)
     if as_json:

@@ -61,7 +61,7 @@ class TestFleetFile:
         result = eal("doctor", "--fleet", slides, "--json")
         assert result.exit_code == 0
         assert findings(result, "plugins") == [("ok", "slide 0.1.0")]
-        assert findings(result, "fleet file") == [("ok", f"{slides}: 2 robots, 2 of them on this machine")]
+        assert findings(result, "fleet file") == [("ok", f"{slides}: 2 of 2 robots on this machine")]
 
     def test_a_broken_file_is_a_problem_with_its_place(self, eal: Any, write: Any) -> None:
         file = write("bad.yaml", "version: 1\nrobots: {one: {plugin: {}}}\n")
@@ -93,6 +93,15 @@ class TestFleetFile:
         result = eal("doctor", "--fleet", file, "--json")
         assert result.exit_code == 1
         assert findings(result, "devices") == [("problem", "/dev/ttyNONE9 of one is not there")]
+
+    def test_a_device_that_is_no_serial_port_is_a_problem(self, eal: Any, write: Any) -> None:
+        file = write("f.yaml", "version: 1\nrobots: {one: {plugins: {serial_port: {port: /dev/null}}}}\n")
+        result = eal("doctor", "--fleet", file, "--json")
+        assert result.exit_code == 1
+        assert findings(result, "devices") == [("problem", "/dev/null of one is no serial port")]
+
+    def test_a_name_without_a_fleet_is_wrong_input(self, eal: Any, slides: Path) -> None:
+        assert eal("doctor", slides).exit_code == 2
 
     def test_an_unknown_robot_is_wrong_input(self, eal: Any, slides: Path) -> None:
         assert eal("doctor", "--fleet", slides, "three").exit_code == 2

@@ -345,7 +345,7 @@ def test_a_plugin_from_elsewhere_has_a_twin_and_devices(foreign: Path) -> None:
     with Fleet(twins.config) as fleet:
         assert "Turret" in fleet["one"]
     (device,) = named_devices(config.robots.values(), discover(config.plugin_dirs)[0])
-    assert device == NamedDevice("one", Path("/dev/no-such-port"), usb=("1234:abcd",), group="lifters")
+    assert device == NamedDevice("one", Path("/dev/no-such-port"), "serial", usb=("1234:abcd",), group="lifters")
 
 
 def test_where_commands_lead() -> None:

@@ -11,7 +11,7 @@ import struct
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from eal_actors.device.serial_ports import group_of, usb_id, user_name
 from eal_actors.kernel.posix import fcntl, grp
@@ -28,6 +28,8 @@ _CAPTURES: Final = 0x00000001 | 0x00001000  # V4L2_CAP_VIDEO_CAPTURE, and V4L2_C
 _HAS_DEVICE_CAPABILITIES: Final = 0x80000000
 _SERIAL_PORTS: Final = ("ttyUSB*", "ttyACM*", "ttyAMA*", "serial/by-id/*")
 _MOST_OTHERS: Final = 4
+_TERMINAL_DRIVERS: Final = Path("/proc/tty/drivers")
+"""A line a driver: its name, its devices, their major number (proc(5))."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,14 +39,14 @@ class NamedDevice:
     Attributes:
         robot: the robot whose plugin names it.
         path: such as `/dev/ttyUSB0`.
-        is_camera: whether it must capture pictures.
+        kind: as its plugin declares it: `serial`, `camera` or `other`.
         usb: USB ids, `vendor:product`, that the plugin declares for it.
         group: the group that usually may open it.
     """
 
     robot: str
     path: Path
-    is_camera: bool = False
+    kind: Literal["serial", "camera", "other"] = "other"
     usb: tuple[str, ...] = ()
     group: str = "dialout"
 
@@ -56,6 +58,7 @@ class DeviceFacts:
     Attributes:
         exists: whether the path exists.
         is_device: whether it is a character device, as serial ports and cameras are.
+        is_terminal: whether a terminal's driver has it, as every serial port's is; None if the system does not tell.
         usable: whether this process may read and write it.
         group: the group that may read and write it; empty if none may.
         is_member: whether the group database lists the user in that group; this process may not have it yet.
@@ -63,6 +66,7 @@ class DeviceFacts:
 
     exists: bool
     is_device: bool = False
+    is_terminal: bool | None = None
     usable: bool = False
     group: str = ""
     is_member: bool = False
@@ -87,12 +91,11 @@ def named_devices(robots: Iterable[RobotConfig], manifests: Mapping[str, PluginM
 def _devices_of(robot: str, plugin: PluginSettings, sections: Mapping[str, DeviceSection]) -> Iterator[NamedDevice]:
     for key, value in plugin.settings.items():
         section = sections.get(key, DeviceSection(setting=key))
-        is_camera = section.kind == "camera"
         paths = [text for text in _texts(value) if text.startswith("/dev/")]
-        if is_camera and type(value) is int:
+        if section.kind == "camera" and type(value) is int:
             paths.append(f"/dev/video{value}")
         for path in paths:
-            yield NamedDevice(robot, Path(path), is_camera, section.usb, section.group)
+            yield NamedDevice(robot, Path(path), section.kind, section.usb, section.group)
 
 
 def _texts(value: Any) -> Iterator[str]:
@@ -111,7 +114,7 @@ def check_devices(devices: Iterable[NamedDevice]) -> Iterator[Diagnostic]:
     for device in devices:
         facts = read_facts(device.path)
         yield judge_device(device, facts, user_name(), _others_like(device))
-        if device.is_camera and facts.is_device and facts.usable:
+        if device.kind == "camera" and facts.is_device and facts.usable:
             yield judge_camera(device, _capabilities(device.path))
 
 
@@ -129,10 +132,19 @@ def read_facts(path: Path) -> DeviceFacts:
     return DeviceFacts(
         exists=True,
         is_device=stat.S_ISCHR(status.st_mode),
+        is_terminal=_is_terminal(status.st_rdev),
         usable=os.access(path, os.R_OK | os.W_OK),
         group=group,
         is_member=user_name() in members,
     )
+
+
+def _is_terminal(device: int) -> bool | None:
+    try:
+        drivers = _TERMINAL_DRIVERS.read_text(encoding="ascii").splitlines()
+    except OSError:
+        return None
+    return os.major(device) in {int(line.split()[2]) for line in drivers}
 
 
 def judge_device(device: NamedDevice, facts: DeviceFacts, user: str, others: Iterable[str] = ()) -> Diagnostic:
@@ -151,6 +163,9 @@ def judge_device(device: NamedDevice, facts: DeviceFacts, user: str, others: Ite
         return problem(_AREA, f"{name} is not there", f"{hint}Switch it on and plug it in, or correct the fleet file.")
     if not facts.is_device:
         return problem(_AREA, f"{name} is not a device", "Name the device itself in the fleet file.")
+    if device.kind == "serial" and facts.is_terminal is False:
+        there = f": {', '.join(others)}" if others else ""
+        return problem(_AREA, f"{name} is no serial port", f"Name a serial port; `eal ports` lists them{there}.")
     if facts.usable:
         return ok(_AREA, f"{name} is there and may be used")
     if not facts.group:

@@ -34,7 +34,7 @@ def diagnose_fleet(config: FleetConfig) -> Iterator[Diagnostic]:
     watch = StepWatch()
     here = [robot for robot in config.robots.values() if is_here(robot)]
     remote = [robot.name for robot in config.robots.values() if robot.address is not None]
-    yield ok("fleet file", f"{config.source}: {len(config.robots)} robots, {len(here)} of them on this machine")
+    yield ok("fleet file", f"{config.source}: {len(here)} of {len(config.robots)} robots on this machine")
     yield from check_plugins(config, here)
     manifests, _ = discover(config.plugin_dirs)
     for shared in shared_ports(here, manifests):

@@ -6,6 +6,7 @@ import errno
 import os
 import struct
 from datetime import UTC, datetime, timedelta
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -29,8 +30,8 @@ from eal_actors.operate.doctor.packages import judge_python, judge_requirements
 from eal_actors.operate.doctor.ports import judge_port
 from eal_actors.operate.doctor.robots import judge_ping
 
-PORT = NamedDevice("one", Path("/dev/ttyUSB7"), is_camera=False)
-EYE = NamedDevice("one", Path("/dev/video3"), is_camera=True, group="video")
+PORT = NamedDevice("one", Path("/dev/ttyUSB7"), kind="serial")
+EYE = NamedDevice("one", Path("/dev/video3"), kind="camera", group="video")
 THERE = DeviceFacts(exists=True, is_device=True, usable=True, group="dialout")
 NOW = datetime(2026, 6, 1, tzinfo=UTC)
 
@@ -92,10 +93,13 @@ class TestDevices:
     @pytest.mark.parametrize(
         ("facts", "advice"),
         [
-            (DeviceFacts(True, True, False, "dialout"), "sudo usermod -aG dialout eva; then log out and in again."),
-            (DeviceFacts(True, True, False, "video", is_member=True), "log out and in again"),
-            (DeviceFacts(True, True, False, ""), "udev rule"),
-            (DeviceFacts(True, False, True, ""), "Name the device itself"),
+            (
+                DeviceFacts(True, True, None, False, "dialout"),
+                "sudo usermod -aG dialout eva; then log out and in again.",
+            ),
+            (DeviceFacts(True, True, None, False, "video", is_member=True), "log out and in again"),
+            (DeviceFacts(True, True, None, False, ""), "udev rule"),
+            (DeviceFacts(True, False, None, True, ""), "Name the device itself"),
         ],
     )
     def test_what_keeps_us_out_has_its_remedy(self, facts: DeviceFacts, advice: str) -> None:
@@ -117,7 +121,7 @@ class TestDevices:
             "  one: {plugins: {camera: {source: 3}, own: {wires: [{port: /dev/ttyUSB7}, 4], speed: 9600}}}\n"
             "  two: {plugins: {serial_port: {port: 'socket://host:1'}, camera: {source: rtsp://eye}}}\n"
         )
-        assert named_devices(EALConfigManager.load(file).fleet.robots.values(), discover([])[0]) == [EYE, PORT]
+        assert named_devices(EALConfigManager.load(file).fleet.robots.values(), discover([])[0]) == [EYE, replace(PORT, kind="other")]
 
     def test_a_device_is_found_by_its_usb_id(self, tmp_path: Path) -> None:
         number = Path("/dev/null").stat().st_rdev
