@@ -20,20 +20,23 @@ _BEFORE: Final = 40  # columns of a long line that stay before the caret
 
 
 def print_problems(console: Console, problems: Iterable[Problem]) -> None:
-    """Print each problem as `file:line:column: path: message`, with its line; equal ones once."""
-    equal: dict[tuple[str, str], list[Problem]] = {}
-    for problem in problems:
-        equal.setdefault((problem.file, problem.message), []).append(problem)
+    """Print each problem as `file:line:column: path: message`, with its line; many equal ones in one line."""
+    listed = list(problems)
+    groups: dict[tuple[str, str], list[Problem]] = {}
+    for problem in listed:
+        groups.setdefault((problem.file, problem.message), []).append(problem)
     files: dict[str, list[str]] = {}
-    for (file, _), group in equal.items():
-        for problem in group[:_MOST_EQUAL]:
-            print_line(console, str(problem))
-            for line in _excerpt(problem, files):
-                print_line(console, Text(line, style="dim"))
-        if further := group[_MOST_EQUAL:]:
-            lines = ", ".join(str(problem.line) for problem in further[:_MOST_LINES])
+    for problem in listed:
+        group = groups[problem.file, problem.message]
+        if not any(problem is shown for shown in group[:_MOST_EQUAL]):
+            continue
+        print_line(console, str(problem))
+        for line in _excerpt(problem, files):
+            print_line(console, Text(line, style="dim"))
+        if (further := group[_MOST_EQUAL:]) and problem is group[_MOST_EQUAL - 1]:
+            lines = ", ".join(str(one.line) for one in further[:_MOST_LINES])
             more = ", ..." if len(further) > _MOST_LINES else ""
-            print_line(console, f"{file}: {len(further)} more with this problem, in lines {lines}{more}")
+            print_line(console, f"{problem.file}: {len(further)} more with this problem, in lines {lines}{more}")
 
 
 def _excerpt(problem: Problem, files: dict[str, list[str]]) -> tuple[str, ...]:

@@ -47,6 +47,13 @@ def test_a_hundred_equal_problems_are_shown_three_times(eal: Program, write: Wri
     assert len(done.stdout.splitlines()) < 25
 
 
+def test_problems_are_shown_in_the_order_of_the_file(eal: Program, write: Write) -> None:
+    file = write("f.yaml", "version: 1\nrobots:\n  a: {x: 1}\n  b: {y: 1}\n  c: {x: 1}\n")
+    told = [line for line in eal("check", file).stdout.splitlines() if line.startswith(str(file))]
+    assert len(told) == 6
+    assert [int(line.removeprefix(f"{file}:").split(":")[0]) for line in told] == [3, 3, 4, 4, 5, 5]
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [
