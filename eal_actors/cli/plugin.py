@@ -23,6 +23,7 @@ from eal_actors.cli.plugin_settings import SettingOption, parse_settings
 from eal_actors.kernel.bundled import short_path
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.log import configure_logging
+from eal_actors.managers.manifest import discover
 from eal_actors.managers.plugins import EALPluginManager
 from eal_actors.testing.conformance import Bench, CheckResult, run_checks, settings_of
 
@@ -123,7 +124,9 @@ def _refused(path: str, reason: str) -> ConfigError:
 @app.command("check", cls=EalCommand)
 def check_plugin(
     context: typer.Context,
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="The plugin's folder.", show_default=False)],
+    plugin: Annotated[
+        Path, typer.Argument(help="The plugin's folder, or the name of one that is installed.", show_default=False)
+    ],
     setting: SettingOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -133,6 +136,7 @@ def check_plugin(
     failed. Log lines are shown at the end, because the checks cause most of them, such as by unplugging the device.
     """
     results = []
+    folder = _folder_of(plugin)
     bench = Bench(folder, settings_of(parse_settings(setting or [])))
     with _log_at_the_end(context.find_object(GlobalOptions) or GlobalOptions()):
         for result in run_checks(bench):
@@ -146,6 +150,12 @@ def check_plugin(
         stderr().print(f"{counted(failed, 'check')} failed" if failed else f"{folder}: conforms")
     if failed:
         raise typer.Exit(ExitCode.FAILED)
+
+
+def _folder_of(plugin: Path) -> Path:
+    known = discover(())[0] if not plugin.exists() else {}
+    manifest = known.get(str(plugin))
+    return plugin if manifest is None else manifest.folder
 
 
 @contextmanager

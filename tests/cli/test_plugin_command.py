@@ -133,6 +133,13 @@ def test_check_refuses_wrong_settings(eal: Any, settings: list[str], words: str)
     assert words in " ".join(result.stderr.split())
 
 
+def test_check_takes_the_name_of_a_bundled_plugin(eal: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = eal("plugin", "check", "sample", "--json")
+    assert result.exit_code == 0
+    assert json.loads(result.stdout)["folder"] == str(bundled_path("plugins/sample"))
+
+
 def test_check_of_no_plugin(eal: Any, tmp_path: Path) -> None:
     result = eal("plugin", "check", tmp_path)
     assert result.exit_code == 2

@@ -5,8 +5,8 @@ from __future__ import annotations
 import errno
 import os
 import struct
-from datetime import UTC, datetime, timedelta
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -121,7 +121,10 @@ class TestDevices:
             "  one: {plugins: {camera: {source: 3}, own: {wires: [{port: /dev/ttyUSB7}, 4], speed: 9600}}}\n"
             "  two: {plugins: {serial_port: {port: 'socket://host:1'}, camera: {source: rtsp://eye}}}\n"
         )
-        assert named_devices(EALConfigManager.load(file).fleet.robots.values(), discover([])[0]) == [EYE, replace(PORT, kind="other")]
+        assert named_devices(EALConfigManager.load(file).fleet.robots.values(), discover([])[0]) == [
+            EYE,
+            replace(PORT, kind="other"),
+        ]
 
     def test_a_device_is_found_by_its_usb_id(self, tmp_path: Path) -> None:
         number = Path("/dev/null").stat().st_rdev
