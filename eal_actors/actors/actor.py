@@ -18,7 +18,7 @@ import math
 import threading
 from collections import deque
 from collections.abc import Callable
-from typing import Any, ClassVar, Protocol, Self
+from typing import Any, ClassVar, Final, Protocol, Self
 
 import pykka
 from pykka.messages import _ActorStop
@@ -28,6 +28,9 @@ from eal_actors.actors.future import Future
 from eal_actors.kernel.clock import ROUNDING_S, Clock, Timer, TimerHeap, new_waiter
 from eal_actors.kernel.errors import BusyError, EALError, UnavailableError, error_text
 from eal_actors.kernel.log import get_logger
+
+UNWIND_S: Final = 0.5
+"""Real time that an abandoned thread has to unwind before another thread halts its resource."""
 
 
 class Envelope(Protocol):
@@ -373,3 +376,14 @@ class EALActor(pykka.ThreadingActor):
             ctypes.pythonapi.PyThreadState_SetAsyncExc(
                 ctypes.c_ulong(self.thread.ident), ctypes.py_object(AbandonedThread)
             )
+
+
+def halt_if_still_stuck(actor: EALActor, halt: Callable[[], Any]) -> None:
+    """Halt a resource from a foreign thread if its abandoned actor cannot, which is better than not at all."""
+    if actor.thread is not None:
+        actor.thread.join(UNWIND_S)
+        if actor.thread.is_alive():
+            try:
+                halt()
+            except Exception:  # noqa: BLE001  # a plugin may raise anything
+                get_logger(actor=actor.name).exception("last-resort halt failed")

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from typing_extensions import override
 
-from eal_actors.actors.actor import AbandonedThread, EALActor
+from eal_actors.actors.actor import UNWIND_S, AbandonedThread, EALActor, halt_if_still_stuck
 from eal_actors.actors.call import Call, ResourceCell
 from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
@@ -62,9 +62,9 @@ class RobotSpec:
 
 HANG_GRACE_S: Final = 1.0
 """Fleet time that a call may run beyond its deadline before its resource counts as stuck."""
+_SECOND_LOOK_S: Final = 0.25
+"""Real time after which a resource that is late is looked at again before it is abandoned."""
 _ROUNDING_S: Final = 1e-6
-_UNWIND_S: Final = 0.5
-"""Real time that an abandoned thread has to unwind before another thread halts its resource."""
 
 
 class RobotActor(EALActor, RobotConnection):
@@ -208,7 +208,7 @@ class RobotActor(EALActor, RobotConnection):
     def _watch(self, actor: ResourceActor, until_s: float) -> None:
         self.actor_inbox.call_at(until_s + HANG_GRACE_S, lambda: self._abandon_if_stuck(actor))
 
-    def _abandon_if_stuck(self, actor: ResourceActor) -> None:
+    def _abandon_if_stuck(self, actor: ResourceActor, overdue_since_s: float | None = None) -> None:
         if self._children.get(actor.cell.name) is not actor:
             return
         actor.watched_until_s = math.inf  # first, so that a step that begins from here on asks for another check
@@ -219,6 +219,9 @@ class RobotActor(EALActor, RobotConnection):
         if overdue_s < HANG_GRACE_S - _ROUNDING_S:  # within its time: check again when that is over
             actor.watched_until_s = busy_until_s
             self._watch(actor, busy_until_s)
+        elif overdue_since_s != busy_until_s:  # the whole process may have stood still: let the thread run first
+            again_s = self.clock.of_real(_SECOND_LOOK_S)
+            self.actor_inbox.call_later(again_s, lambda: self._abandon_if_stuck(actor, busy_until_s))
         else:
             self._abandon(actor, f"was stuck for {overdue_s:.1f} s beyond its deadline")
 
@@ -229,7 +232,7 @@ class RobotActor(EALActor, RobotConnection):
         actor.abandon(error)
         if resource is not None:
             rescue = threading.Thread(
-                target=_halt_if_still_stuck, args=(actor, resource.halt), name=f"{actor.name} halt", daemon=True
+                target=halt_if_still_stuck, args=(actor, resource.halt), name=f"{actor.name} halt", daemon=True
             )
             rescue.start()
             self._threads.append(rescue)
@@ -338,7 +341,7 @@ class RobotActor(EALActor, RobotConnection):
         if self._children:  # stopped from outside, by Pykka
             self._stopping = True
             self._shut_down_children(UnavailableError("the robot was stopped"))
-            self.join(_UNWIND_S)
+            self.join(UNWIND_S)
         self._close_plugins()
         if self.view.state is not RobotState.FAILED:
             self.view.state = RobotState.STOPPED
@@ -379,17 +382,6 @@ class RobotActor(EALActor, RobotConnection):
             for thread in threads:
                 thread.join(max(0.0, end_s - REAL_TIME.now()))
         return [thread.name for thread in threads if thread.is_alive()]
-
-
-def _halt_if_still_stuck(actor: ResourceActor, halt: Callable[[], Any]) -> None:
-    """Halt a resource from a foreign thread if its own cannot, which is better than not at all."""
-    if actor.thread is not None:
-        actor.thread.join(_UNWIND_S)
-        if actor.thread.is_alive():
-            try:
-                halt()
-            except Exception:  # noqa: BLE001  # a plugin may raise anything
-                get_logger(robot=actor.cell.robot, resource=actor.cell.name).exception("last-resort halt failed")
 
 
 def start_robot(spec: RobotSpec) -> tuple[RobotActor, RobotView]:

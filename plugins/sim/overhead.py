@@ -60,7 +60,8 @@ class SimulatedOverheadCamera:
         """
         with self._lock:
             renderer = self._renderer or self._start()
-            with self._world.caught_up() as now_s:
+            with self._world.lock:
+                now_s = self._world.catch_up()
                 if self._last is not None and self._last[1] == now_s:
                     return self._last
                 instants = self._instants()
@@ -81,7 +82,7 @@ class SimulatedOverheadCamera:
         return self._renderer
 
     def _instants(self) -> list[Instant]:
-        """Return what moves, over an exposure whose middle is now. Thread: inside `caught_up`."""
+        """Return what moves, over an exposure whose middle is now. Thread: holds the world's `lock`."""
         from .camera.looking_down import Instant
         from .camera.shared import movers_of
 
@@ -98,7 +99,7 @@ class SimulatedOverheadCamera:
         return found
 
     def _plates(self, pose_of: Callable[[SimRobot], Pose2D]) -> list[MarkerPlate]:
-        """Return the markers on the robots. Thread: inside `caught_up`."""
+        """Return the markers on the robots. Thread: holds the world's `lock`."""
         from .camera.looking_down import MarkerPlate
 
         marks = self._world.model.markers

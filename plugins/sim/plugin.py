@@ -154,7 +154,8 @@ def connect(context: PluginContext) -> SimPlugin:
 
 def disconnect(plugin: SimPlugin) -> None:
     """Stop the robot; it stays in the world."""
-    with plugin.world.caught_up():
+    with plugin.world.lock:
+        plugin.world.catch_up()
         plugin.world.stop(plugin.robot)
 
 

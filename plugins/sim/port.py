@@ -25,7 +25,7 @@ _BUFFER_SIZE: Final = 65536
 
 
 class SimVehicle:
-    """The interface of an emulator to a robot of the world. Thread: inside the world's `caught_up`."""
+    """The interface of an emulator to a robot of the world. Thread: holds the world's `lock`."""
 
     def __init__(self, world: SimWorld, robot: SimRobot) -> None:
         self._world = world
@@ -93,20 +93,23 @@ class SimulatedPort:
         self._robot = robot
         self._received = bytearray()
         self._is_open = True
-        with world.caught_up():
+        with world.lock:
+            world.catch_up()
             self._emulator = emulate(SimVehicle(world, robot))
             self._is_ticked = hasattr(self._emulator, "is_busy")
 
     @property
     def in_waiting(self) -> int:
         """The number of bytes that can be read."""
-        with self._world.caught_up():
+        with self._world.lock:
+            self._world.catch_up()
             self._check_open()
             return len(self._received)
 
     def write(self, data: bytes) -> int:
         """Send bytes to the device; return their number."""
-        with self._world.caught_up() as now_s:
+        with self._world.lock:
+            now_s = self._world.catch_up()
             self._check_open()
             self._feed(bytes(data), now_s)
         return len(data)
@@ -119,12 +122,14 @@ class SimulatedPort:
     @property
     def pose(self) -> Pose2D:
         """The true pose of the robot."""
-        with self._world.caught_up():
+        with self._world.lock:
+            self._world.catch_up()
             return self._robot.pose
 
     def read(self, size: int = 1) -> bytes:
         """Return at most `size` received bytes; empty for none."""
-        with self._world.caught_up() as now_s:
+        with self._world.lock:
+            now_s = self._world.catch_up()
             self._check_open()
             self._feed(b"", now_s)
             taken = bytes(self._received[:size])
@@ -133,7 +138,8 @@ class SimulatedPort:
 
     def reset_input_buffer(self) -> None:
         """Discard the received bytes."""
-        with self._world.caught_up():
+        with self._world.lock:
+            self._world.catch_up()
             self._received.clear()
 
     def close(self) -> None:

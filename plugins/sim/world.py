@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 import re
 import threading
-import weakref
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from itertools import count, repeat
 from typing import Final, TypeAlias
 
@@ -44,8 +42,9 @@ _ROUNDING: Final = 1e-6  # in ticks: a sum of times that falls short of a tick b
 class SimWorld:
     """Walls, obstacles, boxes and robots in one room.
 
-    The world has no thread. It is stepped lazily: `caught_up` first runs the physics ticks that are due by the fleet's
-    clock. While no robot is driven and no box slides, nothing can move, and due ticks are skipped.
+    The world has no thread. It is stepped lazily: whoever takes its lock calls `catch_up`, which runs the physics ticks
+    that are due by the fleet's clock. While no robot is driven and no box slides, nothing can move, and due ticks are
+    skipped.
 
     A robot's path depends only on the fleet's seed, the robot's name and its motions, as long as robots do not touch
     each other: a motion lasts whole ticks, whatever thread steps the world and however often.
@@ -59,7 +58,9 @@ class SimWorld:
     Attributes:
         model: the world file's model.
         tick_s: length of a physics tick.
-        version: increases whenever a robot or a box may have another pose. Thread: inside `caught_up`.
+        lock: held by whoever uses the world. Take it by `with world.lock`, and call `catch_up` inside. A method that
+            takes it and returns would lose it to an AbandonedThread or KeyboardInterrupt before the block begins.
+        version: increases whenever a robot or a box may have another pose. Thread: holds `lock`.
 
     Thread: any; one lock.
     """
@@ -76,8 +77,7 @@ class SimWorld:
         self.model: Final = model or EMPTY_ROOM
         self._clock = clock
         self._seed = seed
-        self._lock = threading.Lock()
-        self._lock_context = _WorldLock(self)
+        self.lock: Final = threading.Lock()
         self._rate_hz = self.model.physics.rate_hz
         self.tick_s: Final = 1.0 / self._rate_hz
         self.version = 0
@@ -111,17 +111,17 @@ class SimWorld:
 
     @property
     def robots(self) -> tuple[SimRobot, ...]:
-        """The robots that have a place, in the order in which they got it. Thread: inside `caught_up`."""
+        """The robots that have a place, in the order in which they got it. Thread: holds `lock`."""
         return self._placed
 
     @property
     def boxes(self) -> tuple[SimBox, ...]:
-        """The movable boxes, in the order of the world file. Thread: their poses inside `caught_up`."""
+        """The movable boxes, in the order of the world file. Thread: holds `lock` for their poses."""
         return self._engine.boxes
 
     def robot_of(self, name: str) -> SimRobot | None:
         """Return the robot of that name, or None. Thread: any."""
-        with self._lock:
+        with self.lock:
             return self._robots.get(name)
 
     def join(
@@ -150,7 +150,7 @@ class SimWorld:
         Raises:
             PluginError: the start is not free, or the robot is in the world as another make.
         """
-        with self._lock:
+        with self.lock:
             if known := self._robots.get(name):
                 if (known.make, known.noise) != (make, noise):
                     raise PluginError(f"robot {name!r} is in the simulated world already, with other settings")
@@ -189,7 +189,7 @@ class SimWorld:
             self._waiting.remove(robot)
 
     def carry(self, robot: SimRobot, pose: Pose2D) -> None:
-        """Move a standing robot to another place, as a person would carry it. Thread: inside `caught_up`.
+        """Move a standing robot to another place, as a person would carry it. Thread: holds `lock`.
 
         Raises:
             ArgumentError: that place is not free.
@@ -204,26 +204,8 @@ class SimWorld:
             )
         self._place(robot, pose)
 
-    def caught_up(self) -> AbstractContextManager[float]:
-        """Hold the lock on an up-to-date world; yields the world's time in seconds of the fleet's clock."""
-        return self._lock_context
-
-    def acquire(self) -> float:
-        """Take the lock and run the due ticks; used by `caught_up`."""
-        self._lock.acquire()
-        try:
-            self._catch_up()
-        except BaseException:
-            self._lock.release()
-            raise
-        return self._now_s()
-
-    def release(self) -> None:
-        """Release the lock."""
-        self._lock.release()
-
     def start(self, robot: SimRobot, motion: WheelMotion) -> None:
-        """Begin a robot's motion at the next tick, in place of the running one. Thread: inside `caught_up`.
+        """Begin a robot's motion at the next tick, in place of the running one. Thread: holds `lock`.
 
         Raises:
             UnavailableError: the robot has no place in the world, or its battery is empty.
@@ -232,7 +214,7 @@ class SimWorld:
         self._begin(robot, motion)
 
     def drive(self, robot: SimRobot, left_m_s: float, right_m_s: float, hold_s: float | None = None) -> None:
-        """Set the target speeds of a robot's wheels. Thread: inside `caught_up`.
+        """Set the target speeds of a robot's wheels. Thread: holds `lock`.
 
         Targets of 0 bring it to rest and put the brakes on.
 
@@ -252,14 +234,14 @@ class SimWorld:
         self._begin(robot, VelocityDrive(robot.make, speeds_m_s, (left_m_s, right_m_s), hold_s, self.tick_s))
 
     def stop(self, robot: SimRobot) -> None:
-        """Stop a robot at once. Thread: inside `caught_up`."""
+        """Stop a robot at once. Thread: holds `lock`."""
         if robot.motion is not None:
             robot.stop()
             self._driven.remove(robot)
             self._engine.settle(robot)
 
     def add_tick_callback(self, callback: TickCallback) -> None:
-        """Call a function before each tick, until it returns False. Thread: inside `caught_up`."""
+        """Call a function before each tick, until it returns False. Thread: holds `lock`."""
         if callback not in self._tick_callbacks:
             self._tick_callbacks.append(callback)
 
@@ -276,7 +258,8 @@ class SimWorld:
     def _now_s(self) -> float:
         return self._tick * self.tick_s
 
-    def _catch_up(self) -> None:
+    def catch_up(self) -> float:
+        """Run the due ticks, and return the world's time in seconds of the fleet's clock. Thread: holds `lock`."""
         if self._waiting:
             self._place_waiting()
         due = math.floor(self._clock.now() * self._rate_hz + _ROUNDING)
@@ -288,6 +271,7 @@ class SimWorld:
         self._tick = max(self._tick, due)
         if self._proximity is not None and self._proximity.is_stale:
             self._proximity.report(self._placed, self._tick)
+        return self._now_s()
 
     def _run_ticks(self, most: int) -> None:
         """Run a few ticks, at most `most`.
@@ -377,19 +361,6 @@ class SimWorld:
 def _natural_key(name: str) -> tuple[list[str | int], str]:
     """Return a sort key that puts robot2 before robot10."""
     return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", name)], name
-
-
-class _WorldLock:
-    """The context manager of `SimWorld.caught_up`. One object is enough, because the lock admits one holder."""
-
-    def __init__(self, world: SimWorld) -> None:
-        self._world = weakref.proxy(world)
-
-    def __enter__(self) -> float:
-        return self._world.acquire()  # type: ignore[no-any-return]  # a proxy has no types
-
-    def __exit__(self, *_: object) -> None:
-        self._world.release()
 
 
 def world_of(fleet: FleetServices) -> SimWorld:

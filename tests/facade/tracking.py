@@ -33,7 +33,8 @@ class Fixes(Resource):
         self.late = None
 
     def get_value(self):
-        with self.world.caught_up() as now_s:
+        with self.world.lock:
+            now_s = self.world.catch_up()
             poses = {robot.name: robot.pose for robot in self.world.robots}
         if self.settings.silent_after_s is not None and now_s >= self.settings.silent_after_s:
             raise NotReadyError("the camera is unplugged")

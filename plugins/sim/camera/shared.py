@@ -36,7 +36,7 @@ def scene_of(world: SimWorld) -> Scene:
 def movers_of(
     world: SimWorld, viewer: SimRobot | None = None, pose_of: Callable[[SimRobot], Pose2D] = attrgetter("pose")
 ) -> list[Mover]:
-    """Return the boxes and the robots at their poses, without the viewer. Thread: inside `caught_up`."""
+    """Return the boxes and the robots at their poses, without the viewer. Thread: holds the world's `lock`."""
     movers: list[Mover] = [BoxAt(number, *box.pose) for number, box in enumerate(world.boxes)]
     for robot in world.robots:
         if robot is not viewer:

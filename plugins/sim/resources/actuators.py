@@ -57,19 +57,22 @@ class Base(DifferentialBase, RobotResource):
 
     def get_status(self) -> int:
         """Return 0 while it stands, 1 while it moves, 2 while something blocks it."""
-        with self._world.caught_up():
+        with self._world.lock:
+            self._world.catch_up()
             if self._robot.motion is None:
                 return 0
             return 2 if self._robot.is_blocked else 1
 
     def halt(self) -> None:
         """Stop at once."""
-        with self._world.caught_up():
+        with self._world.lock:
+            self._world.catch_up()
             self._world.stop(self._robot)
 
     @override
     def clearance_m(self, *, forward: bool) -> float:
-        with self._world.caught_up() as now_s:
+        with self._world.lock:
+            now_s = self._world.catch_up()
             if forward and any(pressed_bumpers(self._robot)):
                 return 0.0
             return free_way_m(self._world, self._robot, now_s, forward=forward)
@@ -81,7 +84,8 @@ class Base(DifferentialBase, RobotResource):
 
     @calibration.setter
     def calibration(self, calibration: WheelCalibration) -> None:
-        with self._world.caught_up():
+        with self._world.lock:
+            self._world.catch_up()
             self._robot.calibration = calibration
 
     @override
@@ -95,7 +99,8 @@ class Base(DifferentialBase, RobotResource):
         return self._run(move, forward=False)
 
     def _run(self, move: Move, *, forward: bool) -> Activity:
-        with self._world.caught_up():
+        with self._world.lock:
+            self._world.catch_up()
             self._world.stop(self._robot)
             self._check_ground(forward)
             self._world.start(self._robot, move)
@@ -103,13 +108,15 @@ class Base(DifferentialBase, RobotResource):
         try:
             while not move.is_over:
                 yield min(self._poll_s(move), report_s)
-                with self._world.caught_up():
+                with self._world.lock:
+                    self._world.catch_up()
                     self._check_motion(move, forward)
                     self._check_ground(forward)
                     self.progress(move.done_share)
             return 1
         finally:
-            with self._world.caught_up():
+            with self._world.lock:
+                self._world.catch_up()
                 if self._robot.motion is move:
                     self._world.stop(self._robot)
 
@@ -117,13 +124,15 @@ class Base(DifferentialBase, RobotResource):
     def follow(self, speed_m_s: float, turn_rate_rad_s: float, timeout_s: float) -> Activity:
         wheels_m_s = self.wheel_speeds_m_s(speed_m_s, turn_rate_rad_s)
         forward = speed_m_s > 0
-        with self._world.caught_up():
+        with self._world.lock:
+            self._world.catch_up()
             self._check_ground(forward)
             self._world.drive(self._robot, *wheels_m_s, timeout_s)
             motion = self._robot.motion
         while motion is not None and not motion.is_over and self._robot.motion is motion:
             yield self._poll_s(motion)
-            with self._world.caught_up():
+            with self._world.lock:
+                self._world.catch_up()
                 self._check_motion(motion, forward)
                 self._check_ground(forward)
         return 1
@@ -132,7 +141,7 @@ class Base(DifferentialBase, RobotResource):
         return min(motion.remaining_s, _GROUND_POLL_S) if self._checks_ground else motion.remaining_s
 
     def _check_ground(self, forward: bool) -> None:
-        """Stop the robot and raise ResourceFaultError if its sensors find a drop. Thread: inside `caught_up`.
+        """Stop the robot and raise ResourceFaultError if its sensors find a drop. Thread: holds the world's `lock`.
 
         A robot with cliff sensors halts by itself, as the driver of the real robot does.
 
@@ -198,7 +207,8 @@ class Turret(TurretCommands, RobotResource):
 
     def halt(self) -> None:
         """Stop at once."""
-        with self._world.caught_up():
+        with self._world.lock:
+            self._world.catch_up()
             self._turret.stop()
 
     @override
@@ -207,12 +217,14 @@ class Turret(TurretCommands, RobotResource):
 
     @override
     def aim(self, degrees: float) -> Activity:
-        with self._world.caught_up():
+        with self._world.lock:
+            self._world.catch_up()
             angle_rad = wrapped_rad(math.radians(degrees) - self._turret.yaw_rad)
         return self._turn(angle_rad)
 
     def _turn(self, angle_rad: float) -> Activity:
-        with self._world.caught_up():
+        with self._world.lock:
+            self._world.catch_up()
             self._turret.turn(angle_rad, math.radians(self._turn_rate_deg_s))
         try:
             while remaining_s := self._remaining_s():
@@ -222,5 +234,6 @@ class Turret(TurretCommands, RobotResource):
             self.halt()
 
     def _remaining_s(self) -> float:
-        with self._world.caught_up():
+        with self._world.lock:
+            self._world.catch_up()
             return self._turret.remaining_s

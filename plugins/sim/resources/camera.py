@@ -54,7 +54,8 @@ class Camera(RobotResource):
         except ImportError as error:
             raise UnavailableError(f"pictures need OpenCV ({error}): pip install 'eal-actors[vision]'") from None
         scene = scene_of(self._world)
-        with self._world.caught_up() as now_s:
+        with self._world.lock:
+            now_s = self._world.catch_up()
             eye = mounted_eye(self._world, self._robot, self._lens(), self._offset_m)
             movers = movers_of(self._world, self._robot)
             seed = int(self._robot.sensor_generator.integers(2**63)) if self._noise else 0
@@ -139,7 +140,7 @@ class Camera(RobotResource):
 
 
 def mounted_eye(world: SimWorld, robot: SimRobot, lens: PinholeLens, offset_m: float = 0.0) -> Eye:
-    """Return the eye of a robot's camera, which turns with its turret. Thread: inside `caught_up`.
+    """Return the eye of a robot's camera, which turns with its turret. Thread: holds the world's `lock`.
 
     Raises:
         UnavailableError: the robot has no place in the world.

@@ -76,13 +76,13 @@ class DepthCamera(RangingResource):
         return EALData.of(self._lens.matrix, unit="px")
 
     def _measure(self) -> NDArray[np.float32]:
-        """Return the depths with noise. Thread: inside `caught_up`."""
+        """Return the depths with noise. Thread: holds the world's `lock`."""
         found_m = depths_m(self._world, self._robot, mounted_eye(self._world, self._robot, self._lens))
         return self._measured(found_m, found_m**2).astype(np.float32)
 
 
 def depths_m(world: SimWorld, robot: SimRobot, eye: Eye) -> Array:
-    """Return the true depths that a robot's camera sees, shape (height, width). Thread: inside `caught_up`.
+    """Return the true depths that a robot's camera sees, shape (height, width). Thread: holds the world's `lock`.
 
     Everything in the room is an upright prism on the floor. Each column of the picture is a plane through the axis of
     the prisms, so a column meets a prism from one depth to another, and only the height of the ray changes in between.

@@ -132,7 +132,8 @@ class Faults(RobotResource):
             yield self._plan.next_s - now_s
 
     def _apply(self, changes: dict[str, Any]) -> None:
-        with self._world.caught_up():
+        with self._world.lock:
+            self._world.catch_up()
             faults = self._robot.faults = self._robot.faults.model_copy(update=changes)
             if faults.dead or faults.battery_empty or "Base" in faults.failing:
                 self._world.stop(self._robot)

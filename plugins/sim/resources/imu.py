@@ -74,7 +74,7 @@ class Imu(RobotResource):
         return self._read(lambda _: self._measure()[_AXES:], "rad/s", "base")
 
     def _measure(self) -> Array:
-        """Return a measurement. Thread: inside `caught_up`."""
+        """Return a measurement. Thread: holds the world's `lock`."""
         first, second, (_, _, yaw_rad) = poses = self._robot.recent_poses
         places = np.array([pose[:2] for pose in poses])
         velocities = np.diff(places, axis=0) / self._world.tick_s

@@ -73,7 +73,7 @@ class Lidar(RangingResource):
         return EALData.of(self._angles_rad, unit="rad", frame_id=f"{self._robot.name}/base")
 
     def _scan_m(self) -> Array:
-        """Return a scan. Thread: inside `caught_up`."""
+        """Return a scan. Thread: holds the world's `lock`."""
         arrays = shared(self._world, WorldArrays)
         arrays.update(self._world)
         own = arrays.column_of(self._robot.name)

@@ -34,7 +34,8 @@ class TruePose(RobotResource):
 
     def get_value(self) -> EALData:
         """Return [x_m, y_m, yaw_rad]."""
-        with self._world.caught_up() as now_s:
+        with self._world.lock:
+            now_s = self._world.catch_up()
             pose = self._robot.pose
         return _pose_data(pose, "world", now_s)
 
@@ -50,7 +51,8 @@ class TruePose(RobotResource):
             UnavailableError: the robot is driven.
         """
         pose = finite_pose(data)
-        with self._world.caught_up():
+        with self._world.lock:
+            self._world.catch_up()
             self._world.carry(self._robot, pose)
 
 
@@ -74,7 +76,8 @@ class Pose(PoseResource):
         self._world = world
         self._robot = robot
         noise = robot.make.odometry_noise
-        with world.caught_up():
+        with world.lock:
+            world.catch_up()
             robot.hand_over_reports()
             if robot.has_place:
                 localizer.begin_at(*robot.pose)
@@ -91,7 +94,8 @@ class Pose(PoseResource):
         return EALData.of(np.array(data.value), frame_id=data.frame_id, stamp_s=data.stamp_s)
 
     def _refresh(self) -> None:
-        with self._world.caught_up() as now_s:
+        with self._world.lock:
+            now_s = self._world.catch_up()
             self._robot.report_odometry(now_s)
             self._robot.hand_over_reports()
 
@@ -104,12 +108,14 @@ class Odometry(RobotResource):
 
     def __init__(self, world: SimWorld, robot: SimRobot) -> None:
         super().__init__(world, robot)
-        with world.caught_up():
+        with world.lock:
+            world.catch_up()
             robot.begin_odometry()
 
     def get_value(self) -> EALData:
         """Return [x_m, y_m, yaw_rad], yaw in (-pi, pi]."""
-        with self._world.caught_up() as now_s:
+        with self._world.lock:
+            now_s = self._world.catch_up()
             pose = self._robot.odometry
         return _pose_data(pose, f"{self._robot.name}/odom", now_s)
 
@@ -124,7 +130,8 @@ class Odometry(RobotResource):
             ArgumentError: a number is not finite.
         """
         pose = finite_pose(data)
-        with self._world.caught_up() as now_s:
+        with self._world.lock:
+            now_s = self._world.catch_up()
             self._robot.odometry = pose
             self._robot.hand_over_reports()
             if self._robot.localizer is not None:

@@ -36,7 +36,8 @@ class RobotResource(Resource):
 
     def _sense(self, sense: Callable[[float], _V]) -> tuple[_V, float]:
         """Return a reading of the up-to-date world, and its time; `sense` takes the world's time in seconds."""
-        with self._world.caught_up() as now_s:
+        with self._world.lock:
+            now_s = self._world.catch_up()
             return sense(now_s), now_s
 
     def _read(self, sense: Callable[[float], Any], unit: str | None = None, frame: str | None = None) -> EALData:

@@ -49,7 +49,8 @@ class Song(SongBook, RobotResource):
 
     @override
     def remaining_s(self) -> float:
-        with self._world.caught_up() as now_s:
+        with self._world.lock:
+            now_s = self._world.catch_up()
             return self._plays_until_s - now_s
 
     @command("notes", NOTES, repeatable=True)
@@ -62,5 +63,6 @@ class Song(SongBook, RobotResource):
     def play(self) -> None:
         """Begin to play the song."""
         notes = self.playable_notes()
-        with self._world.caught_up() as now_s:
+        with self._world.lock:
+            now_s = self._world.catch_up()
             self._plays_until_s = now_s + duration_s(notes)

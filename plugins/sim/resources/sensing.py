@@ -89,7 +89,8 @@ class Range(RangingResource):
 
     def __init__(self, world: SimWorld, robot: SimRobot) -> None:
         super().__init__(world, robot, 0.0, MAX_RANGE_M, robot.sensor_generator)
-        with world.caught_up():
+        with world.lock:
+            world.catch_up()
             self._rays = shared(world, RayCaster)
 
     def get_value(self) -> EALData:
@@ -123,7 +124,8 @@ class Compass(RobotResource):
 
     def get_value(self) -> EALData:
         """Return the yaw."""
-        with self._world.caught_up() as now_s:
+        with self._world.lock:
+            now_s = self._world.catch_up()
             yaw_rad = compass_rad(self._robot, self._noise_rad)
         return EALData.of(yaw_rad, unit="rad", frame_id="world", stamp_s=now_s)
 

@@ -34,7 +34,7 @@ _SHARED: Final[WeakKeyDictionary[SimWorld, dict[type, Any]]] = WeakKeyDictionary
 def shared(world: SimWorld, kind: type[_T]) -> _T:
     """Return the world's one object of a class; create it without arguments on first use.
 
-    Thread: inside `caught_up`.
+    Thread: holds the world's `lock`.
     """
     objects = _SHARED.setdefault(world, {})
     if kind not in objects:
@@ -64,7 +64,7 @@ class WorldArrays:
         height_m: from the floor to the top; 0 for robots.
         half_room_m: half of the room's extent along x and along y.
 
-    Thread: inside `caught_up`.
+    Thread: holds the world's `lock`.
     """
 
     first_opaque: int

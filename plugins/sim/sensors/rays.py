@@ -46,7 +46,7 @@ def ranges_m(world: SimWorld, robot: SimRobot, now_s: float) -> Array:
     Raises:
         UnavailableError: the robot has no place in the world.
 
-    Thread: inside `caught_up`.
+    Thread: holds the world's `lock`.
     """
     return shared(world, RayCaster).ranges_m(world, robot, now_s)
 
@@ -63,7 +63,7 @@ def free_way_m(world: SimWorld, robot: SimRobot, now_s: float, *, forward: bool)
     Raises:
         UnavailableError: the robot has no place in the world.
 
-    Thread: inside `caught_up`.
+    Thread: holds the world's `lock`.
     """
     found_m, radius_m = ranges_m(world, robot, now_s), robot.make.radius_m
     ahead_m = found_m * _COS if forward else -found_m * _COS
@@ -76,7 +76,7 @@ def free_way_m(world: SimWorld, robot: SimRobot, now_s: float, *, forward: bool)
 
 
 class RayCaster:
-    """Casts the rays of all robots of one world. Thread: inside `caught_up`."""
+    """Casts the rays of all robots of one world. Thread: holds the world's `lock`."""
 
     def __init__(self) -> None:
         self._arrays: WorldArrays | None = None

@@ -243,5 +243,6 @@ class SimulatedRig(Rig):
         """Where the robot truly is: x in m, y in m, yaw in rad."""
         robot = self.world.robot_of("rob")
         assert robot is not None
-        with self.world.caught_up():
+        with self.world.lock:
+            self.world.catch_up()
             return robot.pose

@@ -78,11 +78,13 @@ def test_where_it_stops_does_not_depend_on_who_looks() -> None:
         clock = ManualClock()
         world = SimWorld(clock, 1, arena())
         robot = world.join("r1", MAKES["evbot3"], noise=True, start=(-2.0, 0.0, 0.0), charge=0.0003)
-        with world.caught_up():
+        with world.lock:
+            world.catch_up()
             world.drive(robot, 0.3, 0.31)
         for _ in range(round(10.0 / look_s)):
             clock.advance(look_s)
-            with world.caught_up():
+            with world.lock:
+                world.catch_up()
                 assert robot.battery.fraction >= 0
         assert robot.battery.is_empty
         return robot.pose

@@ -28,11 +28,13 @@ def yaws_rad(model: MakeName, legs_m: list[float]) -> list[float]:
         world = SimWorld(clock, seed, ROOM)
         robot = world.join("r1", MAKES[model], noise=True, start=(0.0, 0.0, 0.0))
         for leg_m in legs_m:
-            with world.caught_up():
+            with world.lock:
+                world.catch_up()
                 move = Move.straight(robot.make, leg_m, robot.make.speed_m_s, world.tick_s)
                 world.start(robot, move)
             clock.advance(move.remaining_s)
-        with world.caught_up():
+        with world.lock:
+            world.catch_up()
             ends.append(robot.pose[2])
     return ends
 

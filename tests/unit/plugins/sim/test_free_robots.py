@@ -31,17 +31,20 @@ def traces(monkeypatch: pytest.MonkeyPatch, least_work: int, seed: int, spacing_
         make = list(MAKES.values())[number % len(MAKES)]
         start = (number % 4 - 1.5) * spacing_m, (number // 4 - 1.0) * spacing_m, float(chance.uniform(-3, 3))
         robot = world.join(f"robot{number}", make, noise=number % 5 > 0, start=start, charge=1.0 if number else 0.00001)
-        with world.caught_up():
+        with world.lock:
+            world.catch_up()
             robot.begin_odometry()
         robots.append(robot)
     seen: list[object] = []
     in_array = 0
     for _ in range(30):
-        with world.caught_up():
+        with world.lock:
+            world.catch_up()
             for robot in chance.choice(robots, 4, replace=False):  # type: ignore[arg-type]
                 change(world, robot, int(chance.integers(7)), chance)
         clock.advance(float(chance.uniform(0.01, 0.7)))
-        with world.caught_up():
+        with world.lock:
+            world.catch_up()
             in_array = max(in_array, sum(robot.free is not None for robot in robots))
             for robot in chance.choice(robots, 5, replace=False):  # type: ignore[arg-type]
                 seen += [robot.recent_poses, robot.odometry, robot.travel_m, robot.wheel_speeds_m_s, robot.is_blocked]

@@ -117,7 +117,8 @@ def path_of(
     while leader in running:
         task = min(running, key=lambda task: running[task])
         clock.advance(max(0.0, running[task] - clock.now()))
-        with world.caught_up():
+        with world.lock:
+            world.catch_up()
             robot.space.point_query_nearest((0.0, 0.0), 1.0, robot.filter)  # reading changes nothing
         wait_s = next(task, None)
         if wait_s is None:
@@ -169,7 +170,8 @@ def test_an_idle_world_skips_its_ticks() -> None:
     for index in range(3):
         world.join(f"r{index}", MAKES["roomba"], noise=True, start=None)
     clock.advance(1e9)  # would take days
-    with world.caught_up() as now_s:
+    with world.lock:
+        now_s = world.catch_up()
         assert now_s == pytest.approx(1e9)
     assert world.paths == {}
 

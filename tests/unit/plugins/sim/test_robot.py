@@ -27,7 +27,8 @@ def stage(model: MakeName) -> tuple[ManualClock, SimWorld, SimRobot]:
 
 def pose_after(clock: ManualClock, world: SimWorld, robot: SimRobot, duration_s: float) -> Pose2D:
     clock.advance(duration_s)
-    with world.caught_up():
+    with world.lock:
+        world.catch_up()
         return robot.pose
 
 
@@ -36,7 +37,8 @@ def test_a_straight_follows_its_trapezoid(model: MakeName) -> None:
     clock, world, robot = stage(model)
     make = robot.make
     ramp_s, most_m_s, a = make.max_speed_m_s / make.acceleration_m_s2, make.max_speed_m_s, make.acceleration_m_s2
-    with world.caught_up():
+    with world.lock:
+        world.catch_up()
         world.start(robot, Move.straight(make, 3.0, most_m_s, TICK_S))
     total_s = 3.0 / most_m_s + ramp_s
     for number in range(1, 200):
@@ -55,7 +57,8 @@ def test_a_spin_follows_its_trapezoid_and_stays_in_place(model: MakeName, degree
     make = robot.make
     rate_rad_s = math.radians(make.max_turn_rate_deg_s)
     a = make.acceleration_m_s2 / (make.track_m / 2)
-    with world.caught_up():
+    with world.lock:
+        world.catch_up()
         world.start(robot, Move.turn(make, math.radians(degrees), rate_rad_s, TICK_S))
     ramp_s = rate_rad_s / a
     half_rad = math.radians(abs(degrees)) / 2
@@ -76,10 +79,12 @@ def test_an_arc_is_a_part_of_a_circle(model: MakeName, bend: float) -> None:
     clock, world, robot = stage(model)
     make = robot.make
     right_m_s, left_m_s = make.max_speed_m_s, make.max_speed_m_s * bend
-    with world.caught_up():
+    with world.lock:
+        world.catch_up()
         world.drive(robot, left_m_s, right_m_s)
     pose_after(clock, world, robot, 2.0)
-    with world.caught_up():
+    with world.lock:
+        world.catch_up()
         assert robot.wheel_speeds_m_s == pytest.approx((left_m_s, right_m_s))
         start_x_m, start_y_m, start_yaw_rad = robot.pose
     radius_m = make.track_m / 2 * (right_m_s + left_m_s) / (right_m_s - left_m_s)
@@ -97,7 +102,8 @@ def test_an_arc_is_a_part_of_a_circle(model: MakeName, bend: float) -> None:
 def test_a_curve_with_accelerations_is_within_a_thousandth_of_fine_integration() -> None:
     clock, world, robot = stage("roomba")
     make = robot.make
-    with world.caught_up():
+    with world.lock:
+        world.catch_up()
         world.drive(robot, 0.2, 0.5, hold_s=2.0)
     end = pose_after(clock, world, robot, 4.0)
     x_m = y_m = yaw_rad = 0.0
@@ -123,12 +129,14 @@ def test_encoders_count_what_was_commanded_also_of_a_robot_that_is_stuck() -> No
         robot.do("f1")
     make = robot.plugin.robot.make
     until_held_m = 0.5 - make.radius_m
-    with robot.plugin.world.caught_up():
+    with robot.plugin.world.lock:
+        robot.plugin.world.catch_up()
         held_m = robot.plugin.robot.travel_m
     assert held_m == pytest.approx([until_held_m + MOST_SLIP_M] * 2, abs=0.015)
     robot.do("l90")
     turn_m = make.track_m / 2 * math.pi / 2
-    with robot.plugin.world.caught_up():
+    with robot.plugin.world.lock:
+        robot.plugin.world.catch_up()
         travel_m = robot.plugin.robot.travel_m
     assert travel_m == pytest.approx((held_m[0] - turn_m, held_m[1] + turn_m), abs=make.encoder_step_m)
     assert [travel / make.encoder_step_m % 1 for travel in travel_m] == pytest.approx([0, 0], abs=1e-6)
@@ -156,7 +164,8 @@ def test_odometry_does_not_depend_on_who_looks() -> None:
         fleet = Fleet()
         robot = fleet.add("r1", (0, 0, 0), model="evbot3", noise=True)
         odometry = robot.resource("Odometry")
-        with robot.plugin.world.caught_up():
+        with robot.plugin.world.lock:
+            robot.plugin.world.catch_up()
             robot.plugin.world.drive(robot.plugin.robot, 0.2, 0.3, hold_s=3.0)
         for _ in range(round(6.0 / look_s)):
             fleet.clock.advance(look_s)

@@ -24,7 +24,8 @@ from tests.unit.plugins.sim.sensing import Stage, room
 
 
 def read(stage: Stage, robot: SimRobot) -> NDArray[np.float64]:
-    with stage.world.caught_up() as now_s:
+    with stage.world.lock:
+        now_s = stage.world.catch_up()
         return shared(stage.world, RayCaster).ranges_m(stage.world, robot, now_s)
 
 

@@ -162,7 +162,8 @@ def test_the_turn_rate_adds_up_to_the_true_turn_and_the_acceleration_to_the_spee
 def test_an_imu_on_a_circle_measures_the_acceleration_towards_its_middle() -> None:
     fleet = Fleet(arena(12, 12))
     robot = fleet.add("r1", (0, 0, 0), imu=EXACT_IMU)
-    with robot.plugin.world.caught_up():
+    with robot.plugin.world.lock:
+        robot.plugin.world.catch_up()
         robot.plugin.world.drive(robot.plugin.robot, 0.2, 0.4)
     fleet.clock.advance(4.0)
     ahead, left, _, _, _, turn_rate = value(robot, "Imu").tolist()
@@ -192,7 +193,8 @@ def test_depths_agree_with_a_ray_cast_for_each_pixel(
     fleet.add("b", (1.5, 0.1, 150), model="roomba")
     fleet.add("c", (1.9, 1.6, 250), model="evbot3")
     world, simulated = robot.plugin.world, robot.plugin.robot
-    with world.caught_up():
+    with world.lock:
+        world.catch_up()
         eye = mounted_eye(world, simulated, PinholeLens(*size, 70.0))
         found_m = depths_m(world, simulated, eye)
         movers = movers_of(world, simulated)

@@ -66,12 +66,14 @@ def test_at_full_speed_a_robot_sinks_into_a_wall_by_less_than_2_mm(model: MakeNa
     world = SimWorld(clock, 1, arena())
     make = MAKES[model]
     robot = world.join("r1", make, noise=True, start=(x_m, 0.0, math.radians(yaw_deg)))
-    with world.caught_up():
+    with world.lock:
+        world.catch_up()
         world.drive(robot, make.max_speed_m_s, make.max_speed_m_s)
     deepest_m, blocked = -1.0, False
     for _ in range(300):
         clock.advance(TICK_S)
-        with world.caught_up():
+        with world.lock:
+            world.catch_up()
             robot_x_m, robot_y_m, _ = robot.pose
             blocked |= robot.is_blocked
         deepest_m = max(deepest_m, robot_x_m + make.radius_m - 3.0, robot_y_m + make.radius_m - 2.0)
@@ -86,12 +88,14 @@ def test_a_box_between_a_robot_and_a_wall_is_sunk_into_by_less_than_2_mm(model: 
     make = MAKES[model]
     robot = world.join("r1", make, noise=False, start=(0.5, 0.0, 0.0))
     (crate,) = world.boxes
-    with world.caught_up():
+    with world.lock:
+        world.catch_up()
         world.drive(robot, make.max_speed_m_s, make.max_speed_m_s)
     deepest_m = into_wall_m = -1.0
     for _ in range(300):
         clock.advance(TICK_S)
-        with world.caught_up():
+        with world.lock:
+            world.catch_up()
             x_m, _, yaw_rad = crate.pose
             deepest_m = max(deepest_m, depth_m(crate, robot))
         into_wall_m = max(into_wall_m, x_m + 0.15 * (abs(math.cos(yaw_rad)) + abs(math.sin(yaw_rad))) - 3.0)
@@ -106,11 +110,13 @@ def test_a_box_is_pushed_and_comes_to_rest(model: MakeName) -> None:
     make = MAKES[model]
     robot = world.join("r1", make, noise=False, start=(0.0, 0.0, 0.0))
     (crate,) = world.boxes
-    with world.caught_up():
+    with world.lock:
+        world.catch_up()
         before = crate.pose
         world.start(robot, Move.straight(make, 1.5, make.max_speed_m_s, world.tick_s))
     clock.advance(20.0)
-    with world.caught_up():
+    with world.lock:
+        world.catch_up()
         x_m, y_m, _ = after = crate.pose
         assert not crate.is_moving
         assert robot.motion is None
@@ -119,7 +125,8 @@ def test_a_box_is_pushed_and_comes_to_rest(model: MakeName) -> None:
     assert 1.6 < x_m < 1.9
     assert abs(y_m) < 0.15
     clock.advance(20.0)
-    with world.caught_up():
+    with world.lock:
+        world.catch_up()
         assert crate.pose == after
 
 
@@ -128,15 +135,18 @@ def test_a_box_slides_on_when_its_robot_stops_at_once_and_the_world_ticks_for_it
     world = SimWorld(clock, 1, arena(boxes=({**CRATE, "friction": 0.05},)))
     robot = world.join("r1", MAKES["evbot3"], noise=False, start=(0.5, 0.04, 0.0))
     (crate,) = world.boxes
-    with world.caught_up():
+    with world.lock:
+        world.catch_up()
         world.drive(robot, 0.6, 0.6)
     clock.advance(2.0)
-    with world.caught_up():
+    with world.lock:
+        world.catch_up()
         world.stop(robot)
         robot_pose, at_stop = robot.pose, crate.pose
         assert crate.is_moving
     clock.advance(2.0)
-    with world.caught_up():
+    with world.lock:
+        world.catch_up()
         slid_m = math.dist(crate.pose[:2], at_stop[:2])
         assert robot.pose == robot_pose
         assert not crate.is_moving
@@ -149,16 +159,19 @@ def test_robots_that_drive_into_each_other_hold_each_other() -> None:
     make = MAKES["roomba"]
     one = world.join("one", make, noise=False, start=(-1.0, 0.0, 0.0))
     other = world.join("other", make, noise=False, start=(1.0, 0.0, math.pi))
-    with world.caught_up():
+    with world.lock:
+        world.catch_up()
         for robot in (one, other):
             world.drive(robot, 0.5, 0.5)
     nearest_m = math.inf
     for _ in range(200):
         clock.advance(TICK_S)
-        with world.caught_up():
+        with world.lock:
+            world.catch_up()
             nearest_m = min(nearest_m, math.dist(one.pose[:2], other.pose[:2]))
     assert 2 * make.radius_m - 0.004 < nearest_m < 2 * make.radius_m
-    with world.caught_up():
+    with world.lock:
+        world.catch_up()
         assert one.is_blocked
         assert other.is_blocked
 
@@ -170,13 +183,15 @@ def test_contacts_name_both_and_count_once() -> None:
     one = world.join("one", make, noise=False, start=(0.0, 0.0, 0.0))
     world.join("still", make, noise=False, start=(1.0, 0.0, 0.0))
     away = world.join("away", make, noise=False, start=(0.0, 1.0, math.pi / 2))
-    with world.caught_up():
+    with world.lock:
+        world.catch_up()
         world.drive(one, 0.3, 0.3)
         world.drive(away, 0.3, 0.3)
     touched_s: list[float] = []
     for _ in range(500):
         clock.advance(TICK_S)
-        with world.caught_up():
+        with world.lock:
+            world.catch_up()
             if 1.0 - one.pose[0] < 2 * make.radius_m + 0.001:
                 touched_s.append(clock.now())
     pairs = sorted((contact.robot, contact.other) for contact in world.contacts)

@@ -45,10 +45,12 @@ def measured(make: Make, direction: float) -> Array:
         world = SimWorld(clock, seed, ROOM)
         robot = world.join("r1", make, noise=True, start=(0.0, 0.0, 0.0))
         for leg in legs(make, direction):
-            with world.caught_up():
+            with world.lock:
+                world.catch_up()
                 world.start(robot, leg)
             clock.advance(leg.remaining_s)
-        with world.caught_up():
+        with world.lock:
+            world.catch_up()
             ends.append((*robot.pose[:2], robot.pose[2] - direction * 2 * math.pi))
     return np.array(ends)
 

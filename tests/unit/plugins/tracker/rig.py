@@ -103,7 +103,8 @@ class Arena:
 
     def drive(self) -> None:
         """Drive every robot on a small circle."""
-        with self.world.caught_up():
+        with self.world.lock:
+            self.world.catch_up()
             for robot in self.robots:
                 radius_m, turn_rad_s = self.random.uniform(0.02, 0.09), self.random.choice((-1.5, 1.5))
                 half_m = robot.make.track_m / 2
@@ -112,7 +113,8 @@ class Arena:
 
     def drive_straight(self, speed_m_s: float) -> None:
         """Drive every robot ahead, at a constant speed within a third of a second."""
-        with self.world.caught_up():
+        with self.world.lock:
+            self.world.catch_up()
             for robot in self.robots:
                 x_m, y_m, yaw_rad = robot.pose
                 self.world.carry(robot, (x_m - 0.1 * math.cos(yaw_rad), y_m - 0.1 * math.sin(yaw_rad), yaw_rad))
@@ -123,7 +125,8 @@ class Arena:
         return self.tracker.fixes()
 
     def truth(self) -> dict[int, tuple[float, float, float]]:
-        with self.world.caught_up():
+        with self.world.lock:
+            self.world.catch_up()
             return {number: robot.pose for number, robot in enumerate(self.robots)}
 
     def errors(self, fixes: Fixes) -> NDArray[np.float64]:

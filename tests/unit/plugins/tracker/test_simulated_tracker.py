@@ -84,7 +84,8 @@ def _blurred(exposure_s: float) -> Arena:
     model = world_model({"ceiling": camera}, size_m=(4.2, 3.4))
     markers = model.markers.model_copy(update={"size_m": 0.2})
     arena = Arena(3, model=model.model_copy(update={"markers": markers}), markers=groups(3, 0.2))
-    with arena.world.caught_up():
+    with arena.world.lock:
+        arena.world.catch_up()
         for robot in arena.robots:
             arena.world.carry(robot, (robot.pose[0] - 0.3, robot.pose[1], 0.0))
             arena.world.drive(robot, 0.4, 0.4)
