@@ -25,6 +25,7 @@ from eal_actors.kernel.errors import (
     UnavailableError,
 )
 from tests.manual_clock import ManualClock
+from tests.net.links import eventually
 from tests.robots import WAIT_S, InlinePlugins, running_robot
 
 
@@ -225,6 +226,33 @@ def test_a_thread_blocked_for_ever_is_left_behind_halted_and_named(capsys: pytes
         assert halted.wait(WAIT_S)
     assert "robot/Deaf" in capsys.readouterr().err
     release.set()  # so that this test leaves no thread behind
+
+
+def test_a_resource_that_was_only_late_is_not_replaced() -> None:
+    """Where the whole process stands still, the clock jumps, and nothing is stuck."""
+    release, entered = threading.Event(), threading.Event()
+
+    class Slow(Resource):
+        """Answers once it is let."""
+
+        def get_value(self) -> int:
+            entered.set()
+            release.wait()
+            return 7
+
+    clock = ManualClock()
+    with running_robot({"Slow": Slow, "Motor": partial(Motor, [])}, clock=clock) as robot:
+        call = robot["Slow"].get_value(timeout_s=2.0)
+        assert entered.wait(WAIT_S)
+        clock.advance(60.0)
+        robot["Motor"].send_cmd("exit").exception()
+        assert eventually(lambda: robot.restarts)  # by now the robot has looked at the late resource
+        release.set()
+        assert isinstance(call.exception(), DeadlineError)
+        assert call_until_up(robot["Slow"]) == 7
+        clock.advance(60.0)
+        assert call_until_up(robot["Motor"], clock) == 2
+        assert robot.restarts == {"Motor": 1}
 
 
 def test_closing_does_not_wait_for_what_is_stuck() -> None:
