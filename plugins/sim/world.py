@@ -42,7 +42,7 @@ _ROUNDING: Final = 1e-6  # in ticks: a sum of times that falls short of a tick b
 class SimWorld:
     """Walls, obstacles, boxes and robots in one room.
 
-    The world has no thread. It is stepped lazily: whoever takes its lock calls `catch_up`, which runs the physics ticks
+    The world has no thread. It is stepped lazily: the holder of its lock calls `catch_up`, which runs the physics ticks
     that are due by the fleet's clock. While no robot is driven and no box slides, nothing can move, and due ticks are
     skipped.
 
@@ -58,7 +58,7 @@ class SimWorld:
     Attributes:
         model: the world file's model.
         tick_s: length of a physics tick.
-        lock: held by whoever uses the world. Take it by `with world.lock`, and call `catch_up` inside. A method that
+        lock: guards all of the world. Take it by `with world.lock`, and call `catch_up` inside. A method that
             takes it and returns would lose it to an AbandonedThread or KeyboardInterrupt before the block begins.
         version: increases whenever a robot or a box may have another pose. Thread: holds `lock`.
 
