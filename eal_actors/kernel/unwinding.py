@@ -19,7 +19,7 @@ _LOCK: Final = threading.Lock()
 _INSIDE: Final[set[int]] = set()
 """The threads in an uninterrupted block."""
 _DUE: Final[dict[int, type[BaseException]]] = {}
-"""What those threads raise at the end of the block."""
+"""The exceptions that those threads raise at the end of the block."""
 
 
 def raise_in(thread: threading.Thread, error: type[BaseException]) -> None:
