@@ -109,7 +109,10 @@ def test_the_prose_is_plain_english() -> None:
     assert not list(prose.findings())
 
 
-@pytest.mark.parametrize("file", [".github/workflows/check.yml", ".github/workflows/release.yml", "CITATION.cff"])
+@pytest.mark.parametrize(
+    "file",
+    [".github/workflows/check.yml", ".github/workflows/release.yml", ".github/workflows/slow.yml", "CITATION.cff"],
+)
 def test_files_for_forges_match_their_schemas(file: str) -> None:
     schema = "vendor.citation-file-format" if file == "CITATION.cff" else "vendor.github-workflows"
     command = [sys.executable, "-m", "check_jsonschema", "--builtin-schema", schema, file]
