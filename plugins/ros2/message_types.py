@@ -26,6 +26,8 @@ from .field_values import DTYPES, numbers, plain, scalar
 NO_HASH: Final = "TypeHashNotSupported"
 """The hash of every type in ROS 2 Humble, which has none."""
 
+_Definition = TypeVar("_Definition")
+
 STORES: Final = {
     "humble": Stores.ROS2_HUMBLE,
     "jazzy": Stores.ROS2_JAZZY,
@@ -339,6 +341,3 @@ def _with_octets(node: Any) -> Any:
     if kind is Nodetype.BASE:
         return (kind, ("uint8", rest[1])) if rest[0] == "char" else node
     return node if kind is Nodetype.NAME else (kind, (_with_octets(rest[0]), rest[1]))
-
-
-_Definition = TypeVar("_Definition")
