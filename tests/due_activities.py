@@ -26,7 +26,7 @@ class DueActivities:
         failures: type[Exception] = EALError,
     ) -> None:
         self.results: dict[int, Any] = {}
-        """What each finished activity returned or raised."""
+        """The result of each finished activity, or its exception."""
         self._now = now
         self._pass_until = pass_until
         self._failures = failures
