@@ -13,6 +13,7 @@ import pykka
 import pytest
 from hypothesis import settings
 
+from eal_actors.kernel.clock import REAL_TIME
 from tests.stalls import StallWatch
 
 # A busy machine misses deadlines, and a failure must be repeatable: no deadline, the same examples in every run.
@@ -68,6 +69,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 _LEFT_OUT: Final[dict[str, int]] = {}
+_JOIN_S: Final = 5.0
+"""Real time that the threads of a test have to end, all together: a hang leaves hundreds."""
 """How many tests were deselected, by the make target that runs them."""
 
 
@@ -101,8 +104,9 @@ def no_leaked_threads() -> Iterator[None]:
     yield
     compiled = threading._DummyThread  # a library's own thread that has called Python: it cannot be joined
     left = [thread for thread in threading.enumerate() if thread not in before and not isinstance(thread, compiled)]
+    end_s = REAL_TIME.now() + _JOIN_S
     for thread in left:
-        thread.join(2.0)
+        thread.join(max(0.0, end_s - REAL_TIME.now()))
     alive = [thread.name for thread in left if thread.is_alive()]
     actors = [str(ref) for ref in pykka.ActorRegistry.get_all()]
     pykka.ActorRegistry.stop_all(block=False)

@@ -12,7 +12,6 @@ cannot starve the calls. Each lane is first in, first out.
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import itertools
 import math
 import threading
@@ -28,6 +27,7 @@ from eal_actors.actors.future import Future
 from eal_actors.kernel.clock import ROUNDING_S, Clock, Timer, TimerHeap, new_waiter
 from eal_actors.kernel.errors import BusyError, EALError, UnavailableError, error_text
 from eal_actors.kernel.log import get_logger
+from eal_actors.kernel.unwinding import raise_in
 
 UNWIND_S: Final = 0.5
 """Real time that an abandoned thread has to unwind before another thread halts its resource."""
@@ -372,10 +372,8 @@ class EALActor(pykka.ThreadingActor):
         self._is_abandoned = True
         self.actor_stopped.set()
         self._refuse(error)
-        if self.thread is not None and self.thread.ident is not None and self.thread.is_alive():
-            ctypes.pythonapi.PyThreadState_SetAsyncExc(
-                ctypes.c_ulong(self.thread.ident), ctypes.py_object(AbandonedThread)
-            )
+        if self.thread is not None:
+            raise_in(self.thread, AbandonedThread)
 
 
 def halt_if_still_stuck(actor: EALActor, halt: Callable[[], Any]) -> None:

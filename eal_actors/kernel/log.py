@@ -20,6 +20,8 @@ from typing import Final, Literal, TextIO, cast
 
 import structlog
 
+from eal_actors.kernel.unwinding import Uninterrupted
+
 LogFormat = Literal["human", "json"]
 
 _resource: ContextVar[Mapping[str, str]] = ContextVar("resource", default=MappingProxyType({}))
@@ -50,12 +52,13 @@ def _add_context(_: object, __: str, event: structlog.typing.EventDict) -> struc
 def _send_on(_: object, __: str, event: structlog.typing.EventDict) -> structlog.typing.EventDict:
     """Give the line to Python's own `logging` too, as the logger `eal_actors`, if the program has handlers there."""
     level = logging.getLevelNamesMapping().get(str(event.get("level", "")).upper(), logging.ERROR)
-    if _LOGGER.isEnabledFor(level) and _LOGGER.hasHandlers():
-        fields = {key: value for key, value in event.items() if key not in _OWN_FIELDS}
-        words = "".join(f" {key}={value}" for key, value in fields.items())
-        exc_info = event.get("exc_info")
-        failure = sys.exc_info() if exc_info is True else exc_info
-        _LOGGER.log(level, "%s%s", event.get("event", ""), words, extra={"eal": fields}, exc_info=failure or None)
+    exc_info = event.get("exc_info")
+    failure = sys.exc_info() if exc_info is True else exc_info
+    with Uninterrupted():  # an actor that is abandoned here would take the lock of a handler with it
+        if _LOGGER.isEnabledFor(level) and _LOGGER.hasHandlers():
+            fields = {key: value for key, value in event.items() if key not in _OWN_FIELDS}
+            words = "".join(f" {key}={value}" for key, value in fields.items())
+            _LOGGER.log(level, "%s%s", event.get("event", ""), words, extra={"eal": fields}, exc_info=failure or None)
     return event
 
 
