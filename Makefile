@@ -115,10 +115,10 @@ bench-proof: $(STAMP)  ## prove the thesis's scenarios and ten planted bugs; wri
 soak: $(STAMP)  ## twenty robots under kills, freezes, cuts, floods and garbage for twenty minutes; writes docs/soak.md
 	$(BIN)/python -m tests.soak --page docs/soak.md
 
-fuzz: $(STAMP)  ## look for bytes that decoders and loaders cannot bear, a minute for each
+fuzz: $(STAMP)  ## fuzz each decoder and loader for a minute
 	$(BIN)/python -m tests.fuzz
 
-fuzz-motions: $(STAMP)  ## 10,000 motions of each driver over wires that damage bytes, judged by the true path; goes on after an end
+fuzz-motions: $(STAMP)  ## 10,000 motions of each driver over wires that damage bytes, judged by the true path; resumes after an interruption
 	$(BIN)/python -m tests.fuzz.series
 
 figures: $(STAMP)  ## make the pictures of the documentation
@@ -128,11 +128,11 @@ format: $(STAMP)  ## format the code and mend what the linter can
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-evbotos-setup:  ## install the programs that building and trying images of EvBotOS needs (Debian and Ubuntu)
+evbotos-setup:  ## install the programs that build and test images of EvBotOS (Debian and Ubuntu)
 	$(SUDO) apt-get update -qq
 	$(SUDO) DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $(EVBOTOS_TOOLS)
 
-test-evbotos: $(STAMP)  ## build images, boot them in QEMU and try them, updates and power cuts included
+test-evbotos: $(STAMP)  ## build images, boot them in QEMU and test them, with updates and power cuts
 	$(BIN)/python -m pytest tests/evbotos -m evbotos -rA --timeout=3600
 
 test-bitbake: $(STAMP)  ## plan the OpenEmbedded images with real BitBake from a folder of git mirrors: MIRRORS=/srv/git

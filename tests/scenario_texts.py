@@ -2,6 +2,16 @@
 
 from __future__ import annotations
 
+BOMB = """\
+steps:
+- let: {n: 200}
+- let: {a: "range(8000 + n)"}
+- let: {b: [a, a, a, a, a, a, a, a, a, a]}
+- let: {c: [b, b, b, b, b, b, b, b, b, b]}
+- log: '${len(c)}'
+"""
+"""Steps whose values grow out of others until one has too many items: `steps[3]`, at line 5."""
+
 
 def scenario_of(*steps: str, name: str = "trial", role: str = "all", description: str = "A trial.") -> str:
     """Return a scenario with one role, whose robots do these steps; the first step is in line 8."""

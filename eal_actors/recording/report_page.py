@@ -111,8 +111,8 @@ def render_report(run: RunFolder, world: WorldModel | None = None) -> str:
     )
 
 
-def page_template(name: str) -> Template:
-    """Return a template of this package.
+def page_template(name: str, package: str = "eal_actors.recording") -> Template:
+    """Return a template from the folder `templates` of a package.
 
     Raises:
         UnsupportedError: Jinja is not installed.
@@ -120,9 +120,9 @@ def page_template(name: str) -> Template:
     try:
         from jinja2 import Environment, PackageLoader, StrictUndefined
     except ImportError as error:
-        raise UnsupportedError("a report needs Jinja: pip install 'eal-actors[record]'") from error
+        raise UnsupportedError("the page needs Jinja: pip install 'eal-actors[record]'") from error
     environment = Environment(
-        loader=PackageLoader("eal_actors.recording", "templates"),
+        loader=PackageLoader(package, "templates"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

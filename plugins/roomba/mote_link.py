@@ -29,9 +29,9 @@ class MoteLink(PortLink):
     """A link to the base mote at a serial port, whose radio reaches the mote on the robot.
 
     One packet at a time is in flight to the base mote. A packet without an acknowledgement is sent again. The mote
-    forwards it again too if only the acknowledgement was lost, so all commands must bear that. The acknowledgement
-    does not cover the radio: the user of the link must handle losses there. A question goes without an
-    acknowledgement: a late one would be answered at a time that nobody knows.
+    forwards it again too if only the acknowledgement was lost, so every command must be safe to repeat. The
+    acknowledgement does not cover the radio: the user of the link must handle losses there. A question is sent
+    without an acknowledgement, because the time of the answer to a repeated question is unknown.
 
     Args:
         port: of the base mote; its read must not wait.

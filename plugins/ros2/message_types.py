@@ -12,7 +12,7 @@ import struct
 import threading
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
@@ -25,6 +25,8 @@ from .field_values import DTYPES, numbers, plain, scalar
 
 NO_HASH: Final = "TypeHashNotSupported"
 """The hash of every type in ROS 2 Humble, which has none."""
+
+_Definition = TypeVar("_Definition")
 
 STORES: Final = {
     "humble": Stores.ROS2_HUMBLE,
@@ -181,8 +183,7 @@ class MessageTypes:
         """
         name = _full_name(name, "msg")
         with self.lock:
-            if name not in self.store.fielddefs:
-                raise PluginError(_unknown(name, self.store.fielddefs))
+            _known(name, self.store.fielddefs)
             if name not in self._messages:
                 self._messages[name] = MessageType(self, name)
             return self._messages[name]
@@ -195,9 +196,7 @@ class MessageTypes:
         """
         name = _full_name(name, "srv")
         with self.lock:
-            if name not in self._services:
-                raise PluginError(_unknown(name, self._services))
-            request, response = (_parsed(text, name)[1] for text in _parts(self._services[name], 2, name))
+            request, response = (_parsed(text, name)[1] for text in _parts(_known(name, self._services), 2, name))
             self._define_service(name, request, response)
             return ServiceType(self, name)
 
@@ -209,9 +208,7 @@ class MessageTypes:
         """
         name = _full_name(name, "action")
         with self.lock:
-            if name not in self._actions:
-                raise PluginError(_unknown(name, self._actions))
-            parts = _parts(self._actions[name], 3, name)
+            parts = _parts(_known(name, self._actions), 3, name)
             for part, text in zip(("Goal", "Result", "Feedback"), parts, strict=True):
                 self._register(text, f"{name}_{part}")
             goal_id = "goal_id", (Nodetype.NAME, _UUID)
@@ -328,11 +325,14 @@ def _parts(text: str, count: int, name: str) -> list[str]:
     return ["\n".join(part) for part in parts]
 
 
-def _unknown(name: str, known: Mapping[str, Any]) -> str:
+def _known(name: str, known: Mapping[str, _Definition]) -> _Definition:
+    """Return the definition of a type; raise PluginError, with types of similar names, if there is none."""
+    if name in known:
+        return known[name]
     last = name.rpartition("/")[2].lower()
     near = [other for other in sorted(known) if other.rpartition("/")[2].lower() == last][:3]
     hint = f"; did you mean {', '.join(near)}?" if near else "; give its definition in the folder `messages`"
-    return f"unknown ROS 2 type {name!r}{hint}"
+    raise PluginError(f"unknown ROS 2 type {name!r}{hint}")
 
 
 def _with_octets(node: Any) -> Any:

@@ -15,7 +15,7 @@ class SampleResource(Resource):
         return self._number
 
     def set_value(self, data: EALData) -> None:
-        """Keep the int; the caller is answered 1, success."""
+        """Keep the int; the call returns 1 (success)."""
         self._number = data.value
 
     def halt(self) -> None:
@@ -28,7 +28,7 @@ def connect() -> EALPlugin:
 
 
 def disconnect(plugin: EALPlugin) -> None:
-    """Let go of what `connect` took: nothing here."""
+    """Release what `connect` acquired: nothing here."""
 
 
 def create_SampleResource() -> SampleResource:  # noqa: N802
@@ -37,4 +37,4 @@ def create_SampleResource() -> SampleResource:  # noqa: N802
 
 
 def destroy_SampleResource(resource: SampleResource) -> None:  # noqa: N802
-    """Let go of what `create_SampleResource` took: nothing here."""
+    """Release what `create_SampleResource` acquired: nothing here."""

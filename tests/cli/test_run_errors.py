@@ -7,18 +7,11 @@ from typing import Any
 import pytest
 
 from eal_actors.kernel.bundled import bundled_path
+from tests.scenario_texts import BOMB
 
 HEAD = "version: 1\nname: trial\nroles: {all: {robots: [roomba-1, evbot3-1]}}\n"
 ZERO = "(value('Pose')[0] * 0)"
 """Known during the run only."""
-BOMB = """\
-steps:
-- let: {n: 200}
-- let: {a: "range(8000 + n)"}
-- let: {b: [a, a, a, a, a, a, a, a, a, a]}
-- let: {c: [b, b, b, b, b, b, b, b, b, b]}
-- log: '${len(c)}'
-"""
 
 
 def lines_of(eal: Any, folder: Path, fleet: str, text: str) -> list[str]:

@@ -9,10 +9,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, sync_playwright
+from playwright.sync_api import Browser
 
 from eal_actors import __version__
-from tests.chromium import FLAGS, MISSING, find_chromium
+from tests.chromium import launched_chromium
 
 ROOT = Path(__file__).parents[2]
 OUTSIDE = re.compile(r"""<(?:script|link|img|iframe)\b[^>]*\b(?:src|href)=["']?(?:https?:)?//[^>]*>""")
@@ -76,13 +76,7 @@ def test_the_reference_tells_what_docstrings_and_schemas_tell(site: Path) -> Non
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     """Chromium."""
-    program = find_chromium()
-    if program is None:
-        pytest.skip(MISSING)
-    with (
-        sync_playwright() as playwright,
-        playwright.chromium.launch(executable_path=program, args=[*FLAGS]) as chromium,
-    ):
+    with launched_chromium() as chromium:
         yield chromium
 
 

@@ -5,13 +5,11 @@ A robot moves for some time under faults. What its driver answers is compared wi
 
 from __future__ import annotations
 
-import heapq
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import count
 from random import Random
 from types import ModuleType
 from typing import Any, Final, Protocol
@@ -19,6 +17,7 @@ from unittest.mock import patch
 
 from eal_actors.kernel.errors import EALError
 from eal_actors.plugin import FleetServices, PluginContext
+from tests.due_activities import DueActivities
 from tests.fuzz.noisy_wire import ByteDevice, Line, Noise, NoisyWire
 from tests.manual_clock import HurriedClock
 
@@ -129,10 +128,8 @@ class FuzzedRobot:
         with patch("secrets.randbelow", self._random.randrange):  # a host's identity is in the bytes that are damaged
             self.plugin = driver.plugin.connect(context)
         self.base: Any = driver.plugin.create_Base(replace(context, plugin=self.plugin))
-        self._order = count()
-        self._due: list[tuple[float, int, Any]] = []
-        self._ends: dict[int, EALError | None] = {}
-        self._begin(self.base.background())
+        self._activities = DueActivities(self.clock.now, self._pass_until)
+        self._activities.begin(self.base.background())
 
     def _open_port(self) -> NoisyWire:
         def make(now_s: Callable[[], float]) -> ByteDevice:
@@ -153,32 +150,12 @@ class FuzzedRobot:
 
     # Time.
 
-    def _begin(self, activity: Any) -> int:
-        number = next(self._order)
-        heapq.heappush(self._due, (self.clock.now(), number, activity))
-        return number
-
-    def _step(self, until_s: float) -> bool:
-        if not self._due or self._due[0][0] > until_s:
-            return False
-        at_s, number, activity = heapq.heappop(self._due)
-        self.clock.advance(max(0.0, at_s - self.clock.now()))
-        try:
-            delay_s = next(activity)
-        except StopIteration:
-            self._ends[number] = None
-        except EALError as error:
-            self._ends[number] = error
-        else:
-            heapq.heappush(self._due, (self.clock.now() + delay_s, number, activity))
-        return True
+    def _pass_until(self, until_s: float) -> None:
+        self.clock.advance(max(0.0, until_s - self.clock.now()))
 
     def wait(self, duration_s: float) -> None:
         """Let time pass, with everything at work."""
-        end_s = self.clock.now() + duration_s
-        while self._step(end_s):
-            pass
-        self.clock.advance(max(0.0, end_s - self.clock.now()))
+        self._activities.wait(duration_s)
         self.wire.settle()
 
     # Motions.
@@ -199,19 +176,17 @@ class FuzzedRobot:
             activity = self.base.send_cmd(motion.command)
         except EALError as error:
             return error.code, str(error)
-        number, end_s = self._begin(activity), self.clock.now() + motion.deadline_s
-        while number not in self._ends:
-            if self._step(end_s):
+        number, end_s = self._activities.begin(activity), self.clock.now() + motion.deadline_s
+        while number not in self._activities.results:
+            if self._activities.step(end_s):
                 continue
-            self._due = [entry for entry in self._due if entry[1] != number]
-            heapq.heapify(self._due)
             with suppress(EALError):
-                activity.close()
+                self._activities.close(number)
             with suppress(EALError):
                 self.base.halt()
             return "late", f"not done after {motion.deadline_s:g} s"
-        end = self._ends.pop(number)
-        return ("ok", "") if end is None else (end.code, str(end))
+        end = self._activities.results.pop(number)
+        return (end.code, str(end)) if isinstance(end, EALError) else ("ok", "")
 
     def _pose(self) -> tuple[float, float, float]:
         self.wire.settle()

@@ -14,7 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from playwright.sync_api import Page, expect, sync_playwright
+from playwright.sync_api import Page, expect
 
 from eal_actors.device.data import EALData
 from eal_actors.device.world import WorldModel
@@ -24,7 +24,7 @@ from eal_actors.recording.picture import draw_map
 from eal_actors.recording.player_media import player_media
 from eal_actors.recording.poses import PoseSample
 from eal_actors.recording.timeline import timeline_of
-from tests.chromium import FLAGS, MISSING, find_chromium
+from tests.chromium import launched_chromium
 
 ROBOTS, MINUTES, PERIOD_S = 20, 10, 0.1
 MOST_BYTES = 15_000_000
@@ -78,17 +78,12 @@ def test_a_robot_is_out_of_reach_until_it_is_back_or_to_the_end() -> None:
 
 @pytest.fixture
 def page() -> Iterator[Page]:
-    program = find_chromium()
-    if program is None:
-        pytest.skip(MISSING)
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=program, args=list(FLAGS))
+    with launched_chromium() as browser:
         page = browser.new_page()
         page.set_default_timeout(60_000)
         errors: list[str] = []
         page.on("pageerror", lambda error: errors.append(str(error)))
         yield page
-        browser.close()
     assert not errors
 
 

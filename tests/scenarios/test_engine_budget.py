@@ -9,17 +9,9 @@ import pytest
 from eal_actors import Fleet
 from eal_actors.scenario import LogLine, Run, RunEvent, make_plan
 from eal_actors.scenario.engine import context
+from tests.scenario_texts import BOMB
 from tests.scenarios.rig import HEAD, scenario
 from tests.scenarios.running import WAIT_S, run
-
-BOMB = """\
-steps:
-- let: {n: 200}
-- let: {a: "range(8000 + n)"}
-- let: {b: [a, a, a, a, a, a, a, a, a, a]}
-- let: {c: [b, b, b, b, b, b, b, b, b, b]}
-- log: '${len(c)}'
-"""
 
 
 def message(report: object) -> str:

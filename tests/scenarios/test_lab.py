@@ -184,6 +184,18 @@ def test_the_lab_tells_what_it_started_and_where_the_robots_got_to(lab: Callable
         assert float(off_deg) < 10
 
 
+def when_all_turn(lab: Callable[[str], subprocess.Popen[str]]) -> subprocess.Popen[str]:
+    """Start the lab with turns that take minutes; return its process once all four robots turn."""
+    process = lab("3000")
+    assert process.stdout is not None
+    begun = 0
+    for line in process.stdout:
+        begun += "Base l3000" in line
+        if begun == 4:
+            break
+    return process
+
+
 @pytest.mark.parametrize(
     "number",
     [
@@ -193,13 +205,7 @@ def test_the_lab_tells_what_it_started_and_where_the_robots_got_to(lab: Callable
     ],
 )
 def test_no_emulator_outlives_the_lab(lab: Callable[[str], subprocess.Popen[str]], number: signal.Signals) -> None:
-    process = lab("3000")
-    assert process.stdout is not None
-    begun = 0
-    for line in process.stdout:
-        begun += "Base l3000" in line
-        if begun == 4:
-            break
+    process = when_all_turn(lab)
     process.send_signal(number)
     out, err = process.communicate(timeout=60)  # ends once all emulators, which inherited stderr, have ended
     assert process.returncode == {signal.SIGKILL: -signal.SIGKILL}.get(number, 130), out + err
@@ -210,13 +216,7 @@ def test_no_emulator_outlives_the_lab(lab: Callable[[str], subprocess.Popen[str]
 
 
 def test_the_row_of_a_robot_whose_emulator_died_has_the_reason(lab: Callable[[str], subprocess.Popen[str]]) -> None:
-    process = lab("3000")
-    assert process.stdout is not None
-    begun = 0
-    for line in process.stdout:
-        begun += "Base l3000" in line
-        if begun == 4:
-            break
+    process = when_all_turn(lab)
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
     (emulator,) = [pid for pid in children if words(pid)[3:4] == [b"evbot2"]]
     os.kill(int(emulator), signal.SIGKILL)

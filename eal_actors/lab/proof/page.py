@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from eal_actors.kernel.errors import UnsupportedError
 from eal_actors.lab.proof.cases import KILLED, Position
 from eal_actors.lab.proof.invariants import INVARIANTS
 from eal_actors.lab.proof.proof import Proof, ProvenCase
+from eal_actors.recording.report_page import page_template
 
 _TEMPLATE = "proof.html.j2"
 
@@ -43,16 +43,8 @@ def render_proof(proof: Proof) -> str:
     Raises:
         UnsupportedError: Jinja is not installed.
     """
-    try:
-        from jinja2 import Environment, PackageLoader, StrictUndefined
-    except ImportError as error:
-        raise UnsupportedError("the page needs Jinja: pip install 'eal-actors[record]'") from error
-    loader = PackageLoader("eal_actors.lab.proof", "templates")
-    environment = Environment(
-        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
     links = _links(proof)
-    return environment.get_template(_TEMPLATE).render(
+    return page_template(_TEMPLATE, "eal_actors.lab.proof").render(
         proof=proof,
         invariants=INVARIANTS,
         rows=_rows(proof, links),

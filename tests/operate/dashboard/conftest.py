@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page
 
 from eal_actors.facade.fleet import Fleet
 from eal_actors.operate.dashboard import Dashboard
-from tests.chromium import FLAGS, MISSING, find_chromium
+from tests.chromium import launched_chromium
 from tests.cli.conftest import eal as eal
 from tests.operate.dashboard.rig import counting_fleet, open_dashboard
 
@@ -34,13 +34,8 @@ def dashboard(fleet: Fleet, tmp_path: Path) -> Iterator[Dashboard]:
 @pytest.fixture(scope="module")
 def chromium() -> Iterator[Browser]:
     """The browser, for one module: its driver runs an event loop in the main thread, which disturbs other tests."""
-    program = find_chromium()
-    if program is None:
-        pytest.skip(MISSING)
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=program, args=list(FLAGS))
+    with launched_chromium() as browser:
         yield browser
-        browser.close()
 
 
 @pytest.fixture

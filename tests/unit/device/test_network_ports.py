@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import select
 import socket
-from contextlib import closing
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from typing import Any
 
 import pytest
@@ -24,7 +25,9 @@ def receive_all(connection: socket.socket) -> None:
         pass
 
 
-def test_a_server_that_goes_away_and_comes_back_is_found_again(server: Server) -> None:
+@contextmanager
+def reopening_serial(server: Server) -> Iterator[tuple[ReopeningPort, list[Any]]]:
+    """Open a serial port at a server; yield it and the ports that it has opened so far."""
     opened: list[Any] = []
 
     def open_it() -> BytePort:
@@ -33,6 +36,11 @@ def test_a_server_that_goes_away_and_comes_back_is_found_again(server: Server) -
 
     with closing(ReopeningPort(open_it, ManualClock(), server.url)) as port:
         port.open()
+        yield port, opened
+
+
+def test_a_server_that_goes_away_and_comes_back_is_found_again(server: Server) -> None:
+    with reopening_serial(server) as (port, opened):
         peer = server.accept()
         peer.sendall(b"last words")
         server.go_away()
@@ -48,14 +56,7 @@ def test_a_server_that_goes_away_and_comes_back_is_found_again(server: Server) -
 
 
 def test_an_idle_port_notices_that_its_server_is_gone_after_the_last_bytes(server: Server) -> None:
-    opened: list[Any] = []
-
-    def open_it() -> BytePort:
-        opened.append(port := open_serial(server.url, baudrate=9600))
-        return port
-
-    with closing(ReopeningPort(open_it, ManualClock(), server.url)) as port:
-        port.open()
+    with reopening_serial(server) as (port, opened):
         server.accept().sendall(b"last words")
         assert select.select([opened[0].fileno()], [], [], WAIT_S)[0]
         server.go_away()

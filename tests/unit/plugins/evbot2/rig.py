@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Callable
 from itertools import count
 from typing import Any, ClassVar
@@ -17,6 +16,7 @@ from plugins.evbot2.messages import BaseRequest, OrderChannel
 from plugins.evbot2.protocol import MODEL, BaseLineCodec, HostLineCodec
 from plugins.evbot2.serving import FaultyWire
 from plugins.evbot2.vehicle import FreeVehicle
+from tests.due_activities import DueActivities
 from tests.manual_clock import HurriedClock
 
 TICK_S = 0.01
@@ -106,11 +106,9 @@ class Rig:
         self.reopening.open()
         self.session, self.odometer = self.make_session()
         self.base: Any = Base(self.session, self.odometer, self.plugin.DRIVETRAIN)
-        self._order = count()
-        self._due: list[tuple[float, int, Activity]] = []
         self._tick_at_s = self.clock.now()
-        self._results: dict[int, Any] = {}
-        self._begin(self.base.background())
+        self._activities = DueActivities(self.clock.now, self._pass, Exception)
+        self._activities.begin(self.base.background())
 
     # What differs between the makes.
 
@@ -152,11 +150,6 @@ class Rig:
 
     # Time.
 
-    def _begin(self, activity: Activity) -> int:
-        number = next(self._order)
-        heapq.heappush(self._due, (self.clock.now(), number, activity))
-        return number
-
     def _pass(self, until_s: float) -> None:
         """Let time pass, with the device at work."""
         while self._tick_at_s <= until_s:
@@ -165,61 +158,39 @@ class Rig:
             self._tick_at_s += TICK_S
         self.clock.advance(max(0.0, until_s - self.clock.now()))
 
-    def _step(self, until_s: float) -> bool:
-        if not self._due or self._due[0][0] > until_s:
-            return False
-        at_s, number, activity = heapq.heappop(self._due)
-        self._pass(at_s)
-        try:
-            delay_s = next(activity)
-        except StopIteration as end:
-            self._results[number] = end.value
-        except Exception as error:  # noqa: BLE001  # raised again in the test
-            self._results[number] = error
-        else:
-            heapq.heappush(self._due, (self.clock.now() + delay_s, number, activity))
-        return True
-
     def wait(self, duration_s: float) -> None:
         """Let time pass, with everything at work."""
-        end_s = self.clock.now() + duration_s
-        while self._step(end_s):
-            pass
-        self._pass(end_s)
+        self._activities.wait(duration_s)
 
     def silence(self, duration_s: float) -> None:
         """Let time pass for the device alone: the driver does nothing at all."""
         end_s = self.clock.now() + duration_s
         self._pass(end_s)
-        self._due = [(max(at_s, end_s), number, activity) for at_s, number, activity in self._due]
-        heapq.heapify(self._due)
+        self._activities.postpone(end_s)
 
     def start(self, activity: Activity, duration_s: float = 0.0) -> int:
         """Begin an activity, and let time pass."""
-        number = self._begin(activity)
+        number = self._activities.begin(activity)
         self.wait(duration_s)
         return number
 
     def close(self, number: int) -> None:
         """Close an activity that was begun, as a halt does."""
-        for entry in [entry for entry in self._due if entry[1] == number]:
-            self._due.remove(entry)
-            heapq.heapify(self._due)
-            entry[2].close()
+        self._activities.close(number)
 
     def result(self, number: int, most_s: float = 60.0) -> Any:
         """Wait for what an activity returns or raises."""
         end_s = self.clock.now() + most_s
-        while number not in self._results:
-            assert self._step(end_s), f"it does not end in {most_s} s"
-        result = self._results[number]
+        while number not in self._activities.results:
+            assert self._activities.step(end_s), f"it does not end in {most_s} s"
+        result = self._activities.results[number]
         if isinstance(result, Exception):
             raise result
         return result
 
     def run(self, activity: Any) -> Any:
         """Run an activity to its end and return its result; anything else is its own result."""
-        return self.result(self._begin(activity)) if hasattr(activity, "send") else activity
+        return self.result(self._activities.begin(activity)) if hasattr(activity, "send") else activity
 
     def do(self, *commands: str) -> None:
         for text in commands:

@@ -12,11 +12,10 @@ import psutil
 import pytest
 
 from eal_actors import Fleet
-from eal_actors.facade.service import RobotService
 from eal_actors.kernel.clock import REAL_TIME
-from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.plugins import EALPluginManager
-from tests.unit.plugins.ros2.rig import Ros2Peer, free_port, wait_for
+from tests.unit.plugins.ros2.rig import Ros2Peer, wait_for
+from tests.unit.plugins.served_robot import served_robot
 
 FLOOD_S = 5.0
 RATE_HZ = 10_000
@@ -27,11 +26,8 @@ pytestmark = pytest.mark.slow
 @pytest.fixture
 def served(tmp_path: Path) -> Iterator[Path]:
     """The file of a simulated robot that this process serves."""
-    robot = {"plugins": {"sim": {"model": "roomba"}}, "address": f"tcp/127.0.0.1:{free_port()}"}
-    path = tmp_path / "fleet.yaml"
-    path.write_text(json.dumps({"version": 1, "name": "one", "robots": {"r1": robot}}))
-    with RobotService(EALConfigManager.load(path).fleet, "r1"):
-        yield path
+    with served_robot(tmp_path, "r1") as file:
+        yield file
 
 
 def test_a_robot_that_another_controller_holds_does_not_follow_cmd_vel(peer: Ros2Peer, served: Path) -> None:

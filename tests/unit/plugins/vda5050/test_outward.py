@@ -13,11 +13,10 @@ import pytest
 from vda5050 import Action, ActionParameter, BlockingType, OrderBuilder
 
 from eal_actors import Fleet
-from eal_actors.facade.service import RobotService
-from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.plugins import EALPluginManager
 from tests.unit.plugins.mqtt.rig import Broker, Device, error_of
-from tests.unit.plugins.ros2.rig import free_port, wait_for
+from tests.unit.plugins.ros2.rig import wait_for
+from tests.unit.plugins.served_robot import served_robot
 from tests.unit.plugins.vda5050.rig import Judge, SdkMaster
 
 TARGET = "EAL/roomba-1"
@@ -152,10 +151,7 @@ def test_a_node_has_commands_that_run_fail_and_are_cancelled(broker: Broker, tmp
 @pytest.fixture
 def served(tmp_path: Path) -> Iterator[Path]:
     """The file of a simulated robot that this process serves."""
-    robot = {"plugins": {"sim": {"model": "roomba"}}, "address": f"tcp/127.0.0.1:{free_port()}"}
-    file = tmp_path / "fleet.yaml"
-    file.write_text(json.dumps({"version": 1, "name": "one", "robots": {"roomba-1": robot}}))
-    with RobotService(EALConfigManager.load(file).fleet, "roomba-1"):
+    with served_robot(tmp_path, "roomba-1") as file:
         yield file
 
 
