@@ -159,7 +159,7 @@ def test_the_robots_of_the_readme_answer_while_they_turn(
 ) -> None:
     monkeypatch.setattr(Fleet, "load", lambda name: patient_fleet(ROOT / f"fleets/{name}.yaml", rate="max"))
     (code,) = (
-        text for kind, text in BLOCK.findall((ROOT / "README.md").read_text()) if kind == "python" and "turns" in text
+        text for kind, text in BLOCK.findall((ROOT / "README.md").read_text()) if kind == "python" and "turns =" in text
     )
     exec(code, {})  # noqa: S102
     statuses = re.search(r"answered while they turn: (.*)", code)
