@@ -93,6 +93,11 @@ class RawClient:
         assert answer.attachment is not None
         self._heard.put((answer.attachment.to_bytes(), answer.payload.to_bytes()))
 
+    @property
+    def heard_nothing(self) -> bool:
+        """Whether no reply waits that `call` has not taken."""
+        return self._heard.empty()
+
     def call(self, resource: str, method: str, *arguments: str | int, data: EALData | None = None) -> Answer:
         """Call a method as an honest controller does, and return the answer."""
         self.sequence += 1

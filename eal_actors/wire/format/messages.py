@@ -50,6 +50,7 @@ _STATUS, _DATA, _ERROR, _FIELDS, _ACCEPTED = range(5)
 _NO_PAYLOAD: Final = b""
 _HEAD_BYTES: Final = 64
 """Bytes of a call's envelope that contain its number."""
+_MAX_WORD: Final = 256
 _NO_TIME: Final = (None, None, None)
 _NONE: Final = type(None)
 _READING: Final = int, bytes, int, int, float, float, _NONE, list, _NONE
@@ -212,7 +213,7 @@ def decode_call(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> tuple[CallHe
         row = _checked_call(row)
     version, client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, about, *echo = row
     is_plain = math.isfinite(sum(echo[1:3], ttl_s + deadline_s))
-    if version != PROTOCOL_VERSION or epoch < 0 or sequence < 0 or not is_plain:
+    if version != PROTOCOL_VERSION or epoch < 0 or sequence < 0 or not is_plain or (echo and len(echo[0]) > _MAX_WORD):
         _checked_call(row)
     for item in arguments:
         if type(item) is not str and type(item) is not int:
@@ -251,12 +252,20 @@ def _checked_call(row: object) -> list[Any]:
         None if start_s is None else checked_time(start_s, "call: start_s"),
         arguments,
         about,
-        "" if era is None else checked_text(era, "call: era"),
+        "" if era is None else _checked_word(era, "call: era"),
         0.0 if era is None else checked_time(echo_s, "call: echo_s"),
         0.0 if era is None else checked_time(held_s, "call: held_s"),
         more is not None and checked_flag(more, "call: has_more"),
-        "" if parent is None else checked_text(parent, "call: traceparent"),
+        "" if parent is None else _checked_word(parent, "call: traceparent"),
     ]
+
+
+def _checked_word(word: object, what: str) -> str:
+    """Return a short text, which may be kept as long as its call waits."""
+    text = checked_text(word, what)
+    if len(text) > _MAX_WORD:
+        raise ProtocolError(f"{what}: {len(text)} characters, more than {_MAX_WORD}")
+    return text
 
 
 def encode_reply(reply: CallReply, shared: SharedValue | None = None) -> tuple[bytes, Payload]:

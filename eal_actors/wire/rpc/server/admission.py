@@ -27,6 +27,8 @@ _RESERVE_S: Final = 0.01
 """Real seconds before its deadline in which a command no longer begins: between the last look at the clock and the
 device, its thread may wait for the interpreter or a processor."""
 
+_MAX_MESSAGE: Final = 1000
+"""Kept characters of an error, since thousands of outcomes are kept."""
 _MAX_NAMES: Final = 1024
 _MAX_NAME: Final = 100
 _NO_NAMES: Final[Mapping[str, str]] = {}
@@ -138,6 +140,7 @@ class Admission:
         """Record the outcome of an admitted command."""
         if isinstance(outcome, EALError):
             outcome = outcome.copy()  # without its traceback, which refers to the arguments of the call
+            outcome.message = outcome.message[:_MAX_MESSAGE]
         with self._guard:
             self._history.finish(call, outcome)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, Final
 
 from eal_actors.actors.call import Call
@@ -24,6 +25,8 @@ _ARGUMENT_TYPES: Final[dict[str, tuple[type, ...]]] = {
 }
 _TAKE_DATA: Final = frozenset({"set_value", "send_cmd", "write_comm", "set_config"})
 _NEED_DATA: Final = frozenset({"set_value", "write_comm"})
+_MAX_TEXT: Final = 4096
+"""Limit of a call's texts, since a full mailbox of them may wait. Values have limits of their own."""
 
 
 def start_call(
@@ -42,11 +45,19 @@ def start_call(
     """
     plain = header.arguments
     arguments: tuple[Any, ...] = plain
+    check_texts(method, plain, _MAX_TEXT)
     if tuple(map(type, plain)) != _ARGUMENT_TYPES[method] or (data is None and method in _NEED_DATA):
         raise ProtocolError(f"{method} does not take the arguments {plain!r}{'' if data is None else ' and a value'}")
     if method in _TAKE_DATA:
         arguments = (data, *plain) if method in ("set_value", "write_comm") else (*plain, data)
     return handle.start_call(method, arguments, timeout_s, begin_by_s, start_s)
+
+
+def check_texts(method: str, arguments: Iterable[str | int], most: int) -> None:
+    """Raise ProtocolError if the texts among the arguments of a call have more than `most` characters in all."""
+    length = sum(len(argument) for argument in arguments if type(argument) is str)
+    if length > most:
+        raise ProtocolError(f"{method} does not take texts of {length} characters, but of {most} at most")
 
 
 def is_stop(handle: ResourceHandle, method: str, header: CallHeader) -> bool:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 from typing_extensions import override
 
-from eal_actors.actors.actor import EALActor
+from eal_actors.actors.actor import Action, EALActor
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.device.data import Payload
 from eal_actors.kernel.clock import REAL_TIME
@@ -21,6 +21,7 @@ from eal_actors.wire.format.batches import decode_batch, is_batch
 from eal_actors.wire.format.messages import decode_heartbeat
 from eal_actors.wire.format.parts import PartStore, is_part
 from eal_actors.wire.rpc.server.outbox import Outbox, ReplyBatch
+from eal_actors.wire.rpc.server.request_queue import RequestQueue
 from eal_actors.wire.rpc.server.robot_server import RobotServer
 from eal_actors.wire.rpc.throttled_log import ThrottledLog
 from eal_actors.wire.security.revocation import revoke, revoked_names
@@ -61,6 +62,7 @@ class RobotHost(EALActor):
         self._process = secrets.token_hex(8)
         self._transport = Transport(session)
         self._outbox = Outbox(f"{robot or fleet} outbox", self._transport)
+        self._requests = RequestQueue(self._run_after_timers)
 
     def _read_revoked(self) -> frozenset[str]:
         security = self._network.security
@@ -108,7 +110,7 @@ class RobotHost(EALActor):
             self._process,
             exclusive=exclusive,
             revoke=self._revoke,
-            run_soon=self.run_soon,
+            requests=self._requests,
             on_close=lambda: self._remove(robot.name),
         )
         with self._lock:
@@ -139,10 +141,10 @@ class RobotHost(EALActor):
         with self._lock:
             self._servers = {name: server for name, server in self._servers.items() if name != robot}
 
-    def run_soon(self, action: Callable[[], None]) -> None:
+    def _run_after_timers(self, action: Callable[[], None]) -> None:
         """Run an action in the host's thread unless the host has ended. Thread: any; does not block."""
         try:
-            self.actor_inbox.call_soon(action)
+            self.actor_inbox.put(Action(0.0, 0, action))
         except EALError:
             get_logger(fleet=self._fleet).debug("the server has ended; an action is discarded")
 
@@ -182,13 +184,21 @@ class RobotHost(EALActor):
 
     # Messages, in zenoh's threads.
 
+    def _is_ignored(self, caller: str) -> bool:
+        """Return whether a caller's messages are ignored.
+
+        Its certificate is revoked; or it claims one in a fleet without security, where nothing bounds such names, and
+        much is bounded for each of them.
+        """
+        return caller in self._revoked or (self._network.security is None and caller != keys.ANYBODY)
+
     def _on_call(self, sample: zenoh.Sample) -> None:
         key, attachment = str(sample.key_expr), sample.attachment
         envelope = b"" if attachment is None else attachment.to_bytes()
         payload: Payload = sample.payload.to_bytes()
         try:
             route = keys.parse_route(key)
-            if route.call.caller in self._revoked:
+            if self._is_ignored(route.call.caller):
                 return
             server = self._servers.get(route.call.robot)
             if is_part(envelope):
@@ -229,7 +239,7 @@ class RobotHost(EALActor):
         except ProtocolError as error:
             self._malformed.warn(keys.sender_of(str(sample.key_expr)), "a heartbeat is malformed", error.message)
             return
-        if caller in self._revoked:
+        if self._is_ignored(caller):
             return
         for server in self._servers.values():
             server.receive_heartbeat(caller, beat)

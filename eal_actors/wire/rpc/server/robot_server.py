@@ -51,6 +51,7 @@ from eal_actors.wire.rpc.server.call_arguments import is_stop, start_call
 from eal_actors.wire.rpc.server.controller_memories import ControllerMemories
 from eal_actors.wire.rpc.server.outbox import Outbox, ReplyBatch
 from eal_actors.wire.rpc.server.request_handler import RequestHandler
+from eal_actors.wire.rpc.server.request_queue import RequestQueue
 from eal_actors.wire.rpc.server.running_commands import ReplyTo, RunningCommands, ServedCommand
 from eal_actors.wire.shared_memory import LEAST_BYTES, SharedValue
 from eal_actors.wire.streams.publisher import StreamPublisher
@@ -60,6 +61,7 @@ if TYPE_CHECKING:
 
 ACCEPT_AFTER_S: Final = 0.1
 """Real seconds after which a running command is answered with ACCEPTED; its outcome follows as an event."""
+_MAX_REASON: Final = 500  # each ping and handshake contains it
 
 
 class RobotServer:
@@ -74,7 +76,7 @@ class RobotServer:
         process: identifier of its host.
         exclusive: names of the resources that one controller at a time may command; every actuator if None.
         revoke: adds names to the list of revoked certificates; runs in the host's thread.
-        run_soon: runs an action in the host's thread.
+        requests: runs calls of the robot itself in the host's thread.
         on_close: called when the server closes.
 
     Attributes:
@@ -94,7 +96,7 @@ class RobotServer:
         *,
         exclusive: Iterable[str] | None,
         revoke: Callable[[Iterable[str]], None],
-        run_soon: Callable[[Callable[[], None]], None],
+        requests: RequestQueue,
         on_close: Callable[[], None],
     ) -> None:
         self._fleet = fleet
@@ -102,7 +104,7 @@ class RobotServer:
         self._clock = robot.clock
         self._session = session
         self._outbox = outbox
-        self._run_soon = run_soon
+        self._requests = requests
         self._on_close = on_close
         self._era = secrets.token_hex(4)
         self._event_key = keys.event_key(fleet, robot.name)
@@ -330,7 +332,7 @@ class RobotServer:
         elif method == keys.RELEASE:
             self._answer(reply_to, self._handler.release(header))
         elif method == keys.STOP:
-            reason = " ".join(map(str, header.arguments))
+            reason = " ".join(map(str, header.arguments))[:_MAX_REASON]
             urgent = reply_to._replace(is_urgent=True)
             self._robot.stop(reason).link(lambda done, _: self._answer(urgent, self._outcome(done)))
             self._unlogged_stop = reason
@@ -343,7 +345,7 @@ class RobotServer:
         else:
             if method == keys.HELLO:
                 self._admission.names.note(header.client, call.caller, " ".join(map(str, header.arguments)))
-            self._run_soon(lambda: self._answer(reply_to, self._handler.answer(method, header)))
+            self._requests.add(call, header, lambda: self._answer(reply_to, self._handler.answer(method, header)))
 
     # Replies and events. Thread: any.
 
