@@ -35,7 +35,7 @@ from eal_actors.device.markers import FAMILIES, FamilyName
 from eal_actors.device.motion.slip_watch import MOST_SLIP_M, MOST_TURN_SLIP_M, SlipWatch, slip_error
 from eal_actors.device.plugin_context import EALPlugin, FactoryPlugin, FleetServices, PluginContext, PluginSettingsModel
 from eal_actors.device.ports import BytePort, ReopeningDevice, ReopeningPort
-from eal_actors.device.resource import Activity, Resource, command, config, config_setter, request
+from eal_actors.device.resource import Activity, Resource, command, config, config_setter, request, setting
 from eal_actors.device.serial_ports import open_serial
 from eal_actors.device.sockets import TcpPort, UdpPort, open_tcp
 from eal_actors.device.velocity_base import OdometryReading, VelocityBase
@@ -115,6 +115,7 @@ __all__ = [
     "open_serial",
     "open_tcp",
     "request",
+    "setting",
     "slip_error",
     "wrapped_rad",
 ]

@@ -19,7 +19,7 @@ from eal_actors.device.info import ResourceInfo, ResourceType, ValueInfo
 from eal_actors.device.motion.map_motions import MapMotions
 from eal_actors.device.motion.route_controller import MotionLimits
 from eal_actors.device.plugin_context import PluginContext, PluginSettingsModel
-from eal_actors.device.resource import Activity, command, config, config_setter
+from eal_actors.device.resource import Activity, command, config, config_setter, setting
 from eal_actors.kernel.errors import ArgumentError, UnsupportedError
 from eal_actors.kernel.strict_model import StrictModel
 
@@ -159,13 +159,18 @@ class DifferentialBase(MapMotions):
         DataType.DOUBLE, shape=(2,), description="a twist: speed in m/s, turn rate in rad/s, to the left if positive"
     )
 
+    speed_m_s: float = setting(_SPEED, "Speed of driving straight.")
+    turn_rate_deg_s: float = setting(_TURN_RATE, "Speed of turning in place.")
+    step_m: float = setting(_STEP, "Distance of the commands g and b.")
+    twist_timeout_s: float = setting(_TWIST_TIMEOUT, "Time after which a twist ends if no newer one arrives.")
+
     def __init__(self, drivetrain: Drivetrain, context: PluginContext | None = None) -> None:
         MapMotions.__init__(self, context)  # not `super`: a driver's other bases have arguments of their own
         self.drivetrain = drivetrain
-        self._speed_m_s = drivetrain.speed_m_s
-        self._turn_rate_deg_s = drivetrain.turn_rate_deg_s
-        self._step_m = 0.5
-        self._twist_timeout_s = 0.5
+        self.speed_m_s = drivetrain.speed_m_s
+        self.turn_rate_deg_s = drivetrain.turn_rate_deg_s
+        self.step_m = 0.5
+        self.twist_timeout_s = 0.5
 
     # Implemented by the driver.
 
@@ -211,8 +216,8 @@ class DifferentialBase(MapMotions):
     @override
     def motion_limits(self) -> MotionLimits:
         acceleration_m_s2, arm_m = self.drivetrain.acceleration_m_s2, self.drivetrain.track_m / 2
-        turn_rate_rad_s = math.radians(self._turn_rate_deg_s)
-        return MotionLimits(self._speed_m_s, turn_rate_rad_s, acceleration_m_s2, acceleration_m_s2 / arm_m)
+        turn_rate_rad_s = math.radians(self.turn_rate_deg_s)
+        return MotionLimits(self.speed_m_s, turn_rate_rad_s, acceleration_m_s2, acceleration_m_s2 / arm_m)
 
     @override
     def set_value(self, data: EALData) -> Activity:
@@ -224,17 +229,17 @@ class DifferentialBase(MapMotions):
         speed_m_s, turn_rate_rad_s = (float(number) for number in data.value)
         self._check_reach("speed", speed_m_s, self.drivetrain.max_speed_m_s, "m/s")
         self._check_reach("turn rate", turn_rate_rad_s, math.radians(self.drivetrain.max_turn_rate_deg_s), "rad/s")
-        return self.follow(speed_m_s, turn_rate_rad_s, self._twist_timeout_s)
+        return self.follow(speed_m_s, turn_rate_rad_s, self.twist_timeout_s)
 
     @command("g")
     def go(self) -> Activity:
         """Drive one step forward."""
-        return self.drive(self._step_m, self._speed_m_s)
+        return self.drive(self.step_m, self.speed_m_s)
 
     @command("b")
     def back(self) -> Activity:
         """Drive one step back."""
-        return self.drive(-self._step_m, self._speed_m_s)
+        return self.drive(-self.step_m, self.speed_m_s)
 
     @command("l")
     def left(self) -> Activity:
@@ -255,12 +260,12 @@ class DifferentialBase(MapMotions):
     @command("f<metres>", _DISTANCE)
     def go_by(self, metres: float) -> Activity:
         """Drive forward by a distance."""
-        return self.drive(metres, self._speed_m_s)
+        return self.drive(metres, self.speed_m_s)
 
     @command("b<metres>", _DISTANCE)
     def back_by(self, metres: float) -> Activity:
         """Drive back by a distance."""
-        return self.drive(-metres, self._speed_m_s)
+        return self.drive(-metres, self.speed_m_s)
 
     @command("l<degrees>", _ANGLE)
     def left_by(self, degrees: float) -> Activity:
@@ -271,46 +276,6 @@ class DifferentialBase(MapMotions):
     def right_by(self, degrees: float) -> Activity:
         """Turn right by an angle."""
         return self._turn(-degrees)
-
-    @config("speed_m_s", _SPEED)
-    def speed_m_s(self) -> float:
-        """Speed of driving straight."""
-        return self._speed_m_s
-
-    @config_setter("speed_m_s")
-    def set_speed_m_s(self, speed_m_s: float) -> None:
-        """Set the speed of later commands."""
-        self._speed_m_s = float(speed_m_s)
-
-    @config("turn_rate_deg_s", _TURN_RATE)
-    def turn_rate_deg_s(self) -> float:
-        """Speed of turning in place."""
-        return self._turn_rate_deg_s
-
-    @config_setter("turn_rate_deg_s")
-    def set_turn_rate_deg_s(self, turn_rate_deg_s: float) -> None:
-        """Set the turn rate of later commands."""
-        self._turn_rate_deg_s = float(turn_rate_deg_s)
-
-    @config("step_m", _STEP)
-    def step_m(self) -> float:
-        """Distance of the commands g and b."""
-        return self._step_m
-
-    @config_setter("step_m")
-    def set_step_m(self, step_m: float) -> None:
-        """Set the distance of later commands g and b."""
-        self._step_m = float(step_m)
-
-    @config("twist_timeout_s", _TWIST_TIMEOUT)
-    def twist_timeout_s(self) -> float:
-        """Time after which a twist ends if no newer one arrives."""
-        return self._twist_timeout_s
-
-    @config_setter("twist_timeout_s")
-    def set_twist_timeout_s(self, twist_timeout_s: float) -> None:
-        """Set the time-out of later twists."""
-        self._twist_timeout_s = float(twist_timeout_s)
 
     @config("radius_m", _RADIUS)
     def radius_m(self) -> float:
@@ -343,7 +308,7 @@ class DifferentialBase(MapMotions):
         self.calibration = self.calibration.model_copy(update={"wheel_ratio": float(wheel_ratio)})
 
     def _turn(self, degrees: float) -> Activity:
-        return self.turn(math.radians(degrees), math.radians(self._turn_rate_deg_s))
+        return self.turn(math.radians(degrees), math.radians(self.turn_rate_deg_s))
 
     def _check_reach(self, what: str, value: float, most: float, unit: str) -> None:
         if not abs(value) <= most + _ROUNDING:
@@ -366,4 +331,4 @@ class DifferentialBase(MapMotions):
             replace(known, pace=paces.get(known.argument, "")) if known.argument else known for known in info.commands
         )
         info = replace(info, commands=tuple(commands), configs=tuple(configs))
-        return info.at_pace("speed_m_s", self._speed_m_s).at_pace("turn_rate_deg_s", self._turn_rate_deg_s)
+        return info.at_pace("speed_m_s", self.speed_m_s).at_pace("turn_rate_deg_s", self.turn_rate_deg_s)

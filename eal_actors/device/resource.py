@@ -10,9 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar, Final, TypeAlias, TypeVar
 
-from eal_actors.device.data import EALData
+from eal_actors.device.data import DataType, EALData
 from eal_actors.device.info import METHODS, CommandInfo, ConfigInfo, ResourceInfo, ResourceType, ValueInfo
 from eal_actors.kernel.errors import ArgumentError, UnsupportedError
 
@@ -80,6 +81,40 @@ def config_setter(name: str) -> Callable[[_F], _F]:
     return _marker("config_setter", name)
 
 
+def setting(value: ValueInfo, description: str) -> Any:
+    """Declare an attribute that is a configuration key of the same name, which can be read and set.
+
+        speed_m_s: float = setting(ValueInfo(DataType.DOUBLE, "m/s", 0, 0.5), "Speed of moving.")
+
+    The resource gives it its first value in `__init__`. For a key with effects of its own, see `config`.
+
+    Args:
+        value: its type, unit and range.
+        description: one line for people.
+    """
+    return _Setting(value, description)
+
+
+class _Setting:
+    """The declaration of a setting. The resource's own attribute hides it, so that reading costs nothing more."""
+
+    def __init__(self, value: ValueInfo, description: str) -> None:
+        self.fields = {"value": value, "description": description}
+        self._is_float = value.type is DataType.DOUBLE
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, resource: Resource | None, owner: type) -> _Setting:
+        if resource is not None:
+            raise AttributeError(f"{owner.__name__} gives its setting {self._name!r} no first value")
+        return self
+
+    def set(self, resource: Resource, value: Any) -> None:
+        """Set the attribute of a resource to a checked value."""
+        setattr(resource, self._name, float(value) if self._is_float else value)
+
+
 def _marker(kind: str, name: str, **fields: Any) -> Callable[[_F], _F]:
     _check_declaration(kind, name, fields)
 
@@ -139,7 +174,10 @@ class Resource:
         cls._handlers, cls._fields = {}, {}
         for base in reversed(cls.__mro__):  # mixins and several bases too
             for attribute, member in vars(base).items():
-                if mark := getattr(member, _MARK, None):
+                if isinstance(member, _Setting):
+                    for kind in ("config", "config_setter"):
+                        cls._handlers[kind, attribute], cls._fields[kind, attribute] = attribute, member.fields
+                elif mark := getattr(member, _MARK, None):
                     kind, name, fields = mark
                     before = cls._handlers.get((kind, name), attribute)
                     if before != attribute and before in vars(base):
@@ -214,7 +252,7 @@ class Resource:
         raise self._unsupported("write_comm")
 
     def get_config(self, key: str) -> Any:
-        """Return a configuration value (Source: thesis B.2.3.7). The default calls the methods under `@config`.
+        """Return a configuration value (Source: thesis B.2.3.7). The default is a `setting` or `@config`.
 
         Raises:
             ArgumentError: no such key.
@@ -225,7 +263,7 @@ class Resource:
         return self._handler("config", self.info().config(key).name)()
 
     def set_config(self, key: str, data: EALData | None = None) -> Any:
-        """Set a configuration value (Source: thesis B.2.3.8). The default calls the `@config_setter` methods.
+        """Set a configuration value (Source: thesis B.2.3.8). The default is a `setting` or `@config_setter`.
 
         Raises:
             ArgumentError: no such key, a read-only key, or a value outside its type or range.
@@ -325,7 +363,10 @@ class Resource:
         )
 
     def _handler(self, kind: str, name: str) -> Callable[..., Any]:
-        handler: Callable[..., Any] = getattr(self, self._handlers[kind, name])
+        attribute = self._handlers[kind, name]
+        if isinstance(declared := getattr(type(self), attribute), _Setting):
+            return partial(getattr, self, attribute) if kind == "config" else partial(declared.set, self)
+        handler: Callable[..., Any] = getattr(self, attribute)
         return handler
 
     def _unsupported(self, method: str) -> UnsupportedError:

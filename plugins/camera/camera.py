@@ -22,6 +22,7 @@ from eal_actors.plugin import (
     config,
     config_setter,
     request,
+    setting,
 )
 
 from .capture import LEAST_FPS, MOST_FPS, Image
@@ -56,11 +57,15 @@ class Camera(Resource):
     value = ValueInfo(DataType.CHAR, shape=(None, None, 3), description="RGB, rows from the top")
     format_name: ClassVar[Format] = "raw"
 
+    offset_m: float = setting(
+        ValueInfo(DataType.DOUBLE, "m", -1, 1), "Distance of the camera ahead of its axis of rotation."
+    )
+
     def __init__(self, reader: SourceReader, mount: Mount) -> None:
         self._reader = reader
         self._frame_id = mount.frame_id
         self._fov_deg = mount.fov_deg
-        self._offset_m = mount.offset_m
+        self.offset_m = mount.offset_m
 
     def open(self) -> None:
         """Begin to open the source, in the reader's thread."""
@@ -149,16 +154,6 @@ class Camera(Resource):
     def set_exposure(self, exposure: float) -> Activity:
         """Set the exposure; 1 is automatic, and the camera may refuse any other."""
         return self._reader.adjust({"exposure": float(exposure)})
-
-    @config("offset_m", ValueInfo(DataType.DOUBLE, "m", -1, 1))
-    def offset_m(self) -> float:
-        """Distance of the camera ahead of its axis of rotation."""
-        return self._offset_m
-
-    @config_setter("offset_m")
-    def set_offset_m(self, offset_m: float) -> None:
-        """Set the known distance; this does not move the camera."""
-        self._offset_m = float(offset_m)
 
     @config("format", ValueInfo(DataType.CHAR, choices=("raw", "jpeg", "png")))
     def format(self) -> str:

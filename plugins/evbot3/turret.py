@@ -15,8 +15,7 @@ from eal_actors.plugin import (
     ResourceType,
     ValueInfo,
     command,
-    config,
-    config_setter,
+    setting,
 )
 
 from ..evbot2.base import run_motion
@@ -41,8 +40,10 @@ class TurretCommands(Resource):
     types = ResourceType.ACTUATOR
     value = ValueInfo(DataType.DOUBLE, "rad")
 
+    turn_rate_deg_s: float = setting(_TURN_RATE, "Speed of turning.")
+
     def __init__(self, turn_rate_deg_s: float) -> None:
-        self._turn_rate_deg_s = turn_rate_deg_s
+        self.turn_rate_deg_s = turn_rate_deg_s
 
     def swing(self, degrees: float) -> Activity:
         """Turn by an angle, positive to the left."""
@@ -72,16 +73,6 @@ class TurretCommands(Resource):
         """Stop at once."""
         self.halt()
         return 1
-
-    @config("turn_rate_deg_s", _TURN_RATE)
-    def turn_rate_deg_s(self) -> float:
-        """Speed of turning."""
-        return self._turn_rate_deg_s
-
-    @config_setter("turn_rate_deg_s")
-    def set_turn_rate_deg_s(self, turn_rate_deg_s: float) -> None:
-        """Set the turn rate of later commands."""
-        self._turn_rate_deg_s = float(turn_rate_deg_s)
 
 
 class Turret(TurretCommands):
@@ -122,7 +113,7 @@ class Turret(TurretCommands):
         return self._turn(Verb.AIM, degrees)
 
     def _turn(self, verb: Verb, degrees: float) -> Activity:
-        numbers = tuple(round(math.radians(angle_deg) * _U) for angle_deg in (degrees, self._turn_rate_deg_s))
+        numbers = tuple(round(math.radians(angle_deg) * _U) for angle_deg in (degrees, self.turn_rate_deg_s))
         begun_rad = last_rad = self._yaw_rad()
         angle_rad = math.radians(degrees)
         if verb is Verb.AIM:

@@ -93,10 +93,10 @@ class RoombaSong(SongBook):
     @command("play")
     def play(self) -> Activity:
         """Begin to play the song."""
-        return self._begin(self._number, self.playable_notes())
+        return self._begin(self.number, self.playable_notes())
 
     def _store(self, text: str, notes: list[tuple[int, int]]) -> Activity:
-        number = self._number
+        number = self.number
         yield from self._send_song(number, notes)
         self._songs[number] = text
 

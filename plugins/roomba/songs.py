@@ -11,9 +11,8 @@ from eal_actors.plugin import (
     ResourceType,
     UnavailableError,
     ValueInfo,
-    config,
-    config_setter,
     request,
+    setting,
 )
 
 NOTES: Final = ValueInfo(
@@ -30,8 +29,10 @@ class SongBook(Resource):
 
     types = ResourceType.ACTUATOR
 
+    number: int = setting(_NUMBER, "Number of the song that the commands and the request use.")
+
     def __init__(self) -> None:
-        self._number = 0
+        self.number = 0
         self._songs: dict[int, str] = {}
 
     def remaining_s(self) -> float:
@@ -45,20 +46,10 @@ class SongBook(Resource):
     def halt(self) -> None:
         """Do nothing: a song moves nothing, and a playing song cannot be stopped."""
 
-    @config("number", _NUMBER)
-    def number(self) -> int:
-        """Number of the song that the commands and the request use."""
-        return self._number
-
-    @config_setter("number")
-    def set_number(self, number: int) -> None:
-        """Select the song."""
-        self._number = number
-
     @request("notes", ValueInfo(DataType.CHAR))
     def notes(self) -> str:
         """Return the stored notes of the song; empty for none."""
-        return self._songs.get(self._number, "")
+        return self._songs.get(self.number, "")
 
     def playable_notes(self) -> list[tuple[int, int]]:
         """Return the notes of the selected song.
@@ -67,11 +58,11 @@ class SongBook(Resource):
             ArgumentError: it has no notes.
             UnavailableError: a song plays.
         """
-        if self._number not in self._songs:
-            raise ArgumentError(f"song {self._number} has no notes yet; the command notes sets them")
+        if self.number not in self._songs:
+            raise ArgumentError(f"song {self.number} has no notes yet; the command notes sets them")
         if (left_s := self.remaining_s()) > 0:
             raise UnavailableError(f"a song plays for another {left_s:.2f} s, and cannot be stopped")
-        return parse_notes(self._songs[self._number])
+        return parse_notes(self._songs[self.number])
 
 
 def duration_s(notes: list[tuple[int, int]]) -> float:

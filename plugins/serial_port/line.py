@@ -18,8 +18,7 @@ from eal_actors.plugin import (
     UnavailableError,
     ValueInfo,
     command,
-    config,
-    config_setter,
+    setting,
 )
 
 MOST_BYTES: Final = 1 << 20
@@ -43,10 +42,12 @@ class Line(Resource):
 
     types = ResourceType.COMMUNICATION
 
+    timeout_s: float = setting(TIMEOUT, "Longest wait of a read or a write.")
+
     def __init__(self, port: ReopeningPort, clock: Clock, timeout_s: float) -> None:
         self._port = port
         self._clock = clock
-        self._timeout_s = timeout_s
+        self.timeout_s = timeout_s
         self._waiting = bytearray()
         self._readers: list[object] = []
         self._writers: list[object] = []
@@ -92,16 +93,6 @@ class Line(Resource):
         self._receive()
         self._waiting.clear()
 
-    @config("timeout_s", TIMEOUT)
-    def timeout_s(self) -> float:
-        """Longest wait of a read or a write."""
-        return self._timeout_s
-
-    @config_setter("timeout_s")
-    def set_timeout_s(self, timeout_s: float) -> None:
-        """Set the longest wait of a read or a write."""
-        self._timeout_s = float(timeout_s)
-
     def background(self) -> Activity:
         """Receive continuously, to prevent an overflow and to detect a lost port without a call."""
         while True:
@@ -123,7 +114,7 @@ class Line(Resource):
                 return
 
     def _read(self, length: int) -> Generator[float, None, bytes]:
-        turn, end_s = object(), self._clock.now() + self._timeout_s
+        turn, end_s = object(), self._clock.now() + self.timeout_s
         self._readers.append(turn)
         try:
             while True:
@@ -139,18 +130,18 @@ class Line(Resource):
             self._readers.remove(turn)
 
     def _write(self, data: bytes) -> Generator[float, None, int]:
-        turn, rest, end_s = object(), memoryview(data), self._clock.now() + self._timeout_s
+        turn, rest, end_s = object(), memoryview(data), self._clock.now() + self.timeout_s
         self._writers.append(turn)
         try:
             while self._writers[0] is not turn or rest:
                 if self._writers[0] is turn and (sent := self.send(rest)):
-                    rest, end_s = rest[sent:], self._clock.now() + self._timeout_s
+                    rest, end_s = rest[sent:], self._clock.now() + self.timeout_s
                     if not rest:
                         break
                 if (left_s := end_s - self._clock.now()) <= 0:
                     raise UnavailableError(
                         f"{self._port.name} took only {len(data) - len(rest)} of {len(data)} bytes, and then none for "
-                        f"{self._timeout_s:g} s"
+                        f"{self.timeout_s:g} s"
                     )
                 yield min(LOOK_S, left_s)
             return len(data)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
@@ -75,6 +76,20 @@ class SerialFraming:
         return self.baudrate / (1 + self.bytesize + (self.parity != "N") + self.stopbits)
 
 
+def _framing_key(key: str, value: ValueInfo, description: str) -> tuple[Callable[..., Any], Callable[..., None]]:
+    """Return the getter and the setter of a configuration key that is a part of the framing."""
+
+    @config(key, value, description=description)
+    def get(self: SerialPort) -> Any:
+        return getattr(self._framing, key)
+
+    @config_setter(key)
+    def put(self: SerialPort, part: Any) -> None:
+        self._frame(replace(self._framing, **{key: part}))
+
+    return get, put
+
+
 class SerialPort(Line):
     """A serial port; get_status: the number of bytes to read.
 
@@ -95,65 +110,12 @@ class SerialPort(Line):
         """Send only the bytes of one poll interval, so that a stop need not wait for a full buffer."""
         return self._port.write(bytes(data[: max(int(self._framing.bytes_per_s() * LOOK_S), 1)]))
 
-    @config("baudrate", _BAUDRATE)
-    def baudrate(self) -> int:
-        """Bits per second."""
-        return self._framing.baudrate
-
-    @config_setter("baudrate")
-    def set_baudrate(self, baudrate: int) -> None:
-        """Set the bits per second."""
-        self._frame(replace(self._framing, baudrate=baudrate))
-
-    @config("bytesize", _BYTESIZE)
-    def bytesize(self) -> int:
-        """Data bits."""
-        return self._framing.bytesize
-
-    @config_setter("bytesize")
-    def set_bytesize(self, bytesize: int) -> None:
-        """Set the data bits."""
-        self._frame(replace(self._framing, bytesize=bytesize))
-
-    @config("parity", _PARITY)
-    def parity(self) -> str:
-        """None, even, odd, mark or space."""
-        return self._framing.parity
-
-    @config_setter("parity")
-    def set_parity(self, parity: str) -> None:
-        """Set the parity."""
-        self._frame(replace(self._framing, parity=parity))
-
-    @config("stopbits", _STOPBITS)
-    def stopbits(self) -> int:
-        """Stop bits."""
-        return self._framing.stopbits
-
-    @config_setter("stopbits")
-    def set_stopbits(self, stopbits: int) -> None:
-        """Set the stop bits."""
-        self._frame(replace(self._framing, stopbits=stopbits))
-
-    @config("dtr", _LEVEL)
-    def dtr(self) -> bool:
-        """Control line DTR."""
-        return self._framing.dtr
-
-    @config_setter("dtr")
-    def set_dtr(self, dtr: bool) -> None:
-        """Set the control line DTR."""
-        self._frame(replace(self._framing, dtr=dtr))
-
-    @config("rts", _LEVEL)
-    def rts(self) -> bool:
-        """Control line RTS."""
-        return self._framing.rts
-
-    @config_setter("rts")
-    def set_rts(self, rts: bool) -> None:
-        """Set the control line RTS."""
-        self._frame(replace(self._framing, rts=rts))
+    baudrate, set_baudrate = _framing_key("baudrate", _BAUDRATE, "Bits per second.")
+    bytesize, set_bytesize = _framing_key("bytesize", _BYTESIZE, "Data bits.")
+    parity, set_parity = _framing_key("parity", _PARITY, "None, even, odd, mark or space.")
+    stopbits, set_stopbits = _framing_key("stopbits", _STOPBITS, "Stop bits.")
+    dtr, set_dtr = _framing_key("dtr", _LEVEL, "Control line DTR.")
+    rts, set_rts = _framing_key("rts", _LEVEL, "Control line RTS.")
 
     def _open_port(self) -> BytePort:
         return open_serial(self._url, **vars(self._framing))

@@ -69,7 +69,7 @@ class Datagrams(Line):
             self._datagrams.append(datagram)
 
     def _read(self, length: int) -> Generator[float, None, bytes]:
-        turn, end_s = object(), self._clock.now() + self._timeout_s
+        turn, end_s = object(), self._clock.now() + self.timeout_s
         self._readers.append(turn)
         try:
             while True:
@@ -81,7 +81,7 @@ class Datagrams(Line):
                         )
                     return self._datagrams.popleft()
                 if (left_s := end_s - self._clock.now()) <= 0:
-                    raise UnavailableError(f"no datagram came from {self._port.name} within {self._timeout_s:g} s")
+                    raise UnavailableError(f"no datagram came from {self._port.name} within {self.timeout_s:g} s")
                 yield min(LOOK_S, left_s)
         finally:
             self._readers.remove(turn)

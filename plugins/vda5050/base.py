@@ -103,7 +103,7 @@ class Base(DifferentialBase):
         if len(goals) > _MOST_NODES:
             raise ArgumentError(f"an order has at most {_MOST_NODES} nodes, not {len(goals)}")
         limits = OrderLimits(
-            self._speed_m_s, math.radians(self._turn_rate_deg_s), self._settings.goal_deviation_m, is_reverse
+            self.speed_m_s, math.radians(self.turn_rate_deg_s), self._settings.goal_deviation_m, is_reverse
         )
         return self._drive_order(goals, limits)
 

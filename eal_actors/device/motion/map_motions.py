@@ -13,7 +13,7 @@ from eal_actors.device.info import ValueInfo
 from eal_actors.device.motion.closed_loop import ClosedLoop, MotionDevice
 from eal_actors.device.motion.route import Point, Route
 from eal_actors.device.motion.route_controller import MotionLimits, RouteController
-from eal_actors.device.resource import Activity, Resource, command, config, config_setter, request
+from eal_actors.device.resource import Activity, Resource, command, request, setting
 from eal_actors.kernel.errors import ArgumentError, UnsupportedError
 
 if TYPE_CHECKING:
@@ -43,9 +43,13 @@ class MapMotions(Resource, ABC):
         context: the plugin's, which has the robot's localizer; None if the driver estimates no pose.
     """
 
+    max_uncertainty_m: float = setting(
+        _UNCERTAINTY, "Greatest standard deviation of the position with which it drives to a place."
+    )
+
     def __init__(self, context: PluginContext | None) -> None:
         self._context = context
-        self._max_uncertainty_m = 0.3
+        self.max_uncertainty_m = 0.3
         self._path: list[float] = []
 
     @abstractmethod
@@ -151,16 +155,6 @@ class MapMotions(Resource, ABC):
         finally:
             self._path = []
 
-    @config("max_uncertainty_m", _UNCERTAINTY)
-    def max_uncertainty_m(self) -> float:
-        """Greatest standard deviation of the position with which it drives to a place."""
-        return self._max_uncertainty_m
-
-    @config_setter("max_uncertainty_m")
-    def set_max_uncertainty_m(self, max_uncertainty_m: float) -> None:
-        """Set the limit for later motions to a place."""
-        self._max_uncertainty_m = float(max_uncertainty_m)
-
     def _drive(self, points: list[Point], yaw_rad: float | None) -> Activity:
         if self._context is None:
             raise UnsupportedError("the driver of this base estimates no pose, so it cannot drive to a place")
@@ -180,4 +174,4 @@ class MapMotions(Resource, ABC):
             halt=self.halt,
             report=self.progress,
         )
-        return self.along(path, yaw_rad, ClosedLoop(device, controller, limits, self._max_uncertainty_m).run())
+        return self.along(path, yaw_rad, ClosedLoop(device, controller, limits, self.max_uncertainty_m).run())

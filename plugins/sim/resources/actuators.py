@@ -225,7 +225,7 @@ class Turret(TurretCommands, RobotResource):
     def _turn(self, angle_rad: float) -> Activity:
         with self._world.lock:
             self._world.catch_up()
-            self._turret.turn(angle_rad, math.radians(self._turn_rate_deg_s))
+            self._turret.turn(angle_rad, math.radians(self.turn_rate_deg_s))
         try:
             while remaining_s := self._remaining_s():
                 yield remaining_s

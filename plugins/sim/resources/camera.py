@@ -17,6 +17,7 @@ from eal_actors.plugin import (
     config,
     config_setter,
     request,
+    setting,
 )
 
 from ..camera.eye import Eye, PinholeLens
@@ -34,12 +35,27 @@ class Camera(RobotResource):
     types = ResourceType.SENSOR
     value = ValueInfo(DataType.CHAR, shape=(None, None, 3), description="RGB, rows from the top")
 
+    width: int = setting(_SIZE, "Width of the picture.")
+    height: int = setting(_SIZE, "Height of the picture.")
+    fov_deg: float = setting(
+        ValueInfo(DataType.DOUBLE, "deg", 10, 150),
+        "Field of view, from the left edge of the picture to the right edge.",
+    )
+    noise: float = setting(
+        ValueInfo(DataType.DOUBLE, minimum=0, maximum=100, description="grey levels"),
+        "Standard deviation of the noise of every colour value, in grey levels.",
+    )
+    exposure: float = setting(
+        ValueInfo(DataType.DOUBLE, minimum=0, maximum=16, description="factor on the grey levels"),
+        "Factor on the grey levels: 2 is twice as bright, clipped at white.",
+    )
+
     def __init__(self, world: SimWorld, robot: SimRobot) -> None:
         super().__init__(world, robot)
-        self._width, self._height = 640, 480
-        self._fov_deg = 60.0
-        self._noise = 0.0
-        self._exposure = 1.0
+        self.width, self.height = 640, 480
+        self.fov_deg = 60.0
+        self.noise = 0.0
+        self.exposure = 1.0
         self._offset_m = 0.0
 
     def get_value(self) -> EALData:
@@ -58,8 +74,8 @@ class Camera(RobotResource):
             now_s = self._world.catch_up()
             eye = mounted_eye(self._world, self._robot, self._lens(), self._offset_m)
             movers = movers_of(self._world, self._robot)
-            seed = int(self._robot.sensor_generator.integers(2**63)) if self._noise else 0
-        image = expose(render(scene, movers, eye), self._exposure, self._noise, seed)
+            seed = int(self._robot.sensor_generator.integers(2**63)) if self.noise else 0
+        image = expose(render(scene, movers, eye), self.exposure, self.noise, seed)
         if self._robot.faults.camera_black:
             image = np.zeros_like(image)
         return EALData.of(image, frame_id=f"{self._robot.name}/camera", stamp_s=now_s)
@@ -68,56 +84,6 @@ class Camera(RobotResource):
     def intrinsics(self) -> EALData:
         """Return the camera matrix: from x right, y down, z ahead to pixels, the centre of the first one at 0, 0."""
         return EALData.of(self._lens().matrix, unit="px")
-
-    @config("width", _SIZE)
-    def width(self) -> int:
-        """Width of the picture."""
-        return self._width
-
-    @config_setter("width")
-    def set_width(self, width: int) -> None:
-        """Set the width of later pictures."""
-        self._width = width
-
-    @config("height", _SIZE)
-    def height(self) -> int:
-        """Height of the picture."""
-        return self._height
-
-    @config_setter("height")
-    def set_height(self, height: int) -> None:
-        """Set the height of later pictures."""
-        self._height = height
-
-    @config("fov_deg", ValueInfo(DataType.DOUBLE, "deg", 10, 150))
-    def fov_deg(self) -> float:
-        """Field of view, from the left edge of the picture to the right edge."""
-        return self._fov_deg
-
-    @config_setter("fov_deg")
-    def set_fov_deg(self, fov_deg: float) -> None:
-        """Set the field of view of later pictures."""
-        self._fov_deg = float(fov_deg)
-
-    @config("noise", ValueInfo(DataType.DOUBLE, minimum=0, maximum=100, description="grey levels"))
-    def noise(self) -> float:
-        """Standard deviation of the noise of every colour value, in grey levels."""
-        return self._noise
-
-    @config_setter("noise")
-    def set_noise(self, noise: float) -> None:
-        """Set the noise of later pictures."""
-        self._noise = float(noise)
-
-    @config("exposure", ValueInfo(DataType.DOUBLE, minimum=0, maximum=16, description="factor on the grey levels"))
-    def exposure(self) -> float:
-        """Factor on the grey levels: 2 is twice as bright, clipped at white."""
-        return self._exposure
-
-    @config_setter("exposure")
-    def set_exposure(self, exposure: float) -> None:
-        """Set the exposure of later pictures."""
-        self._exposure = float(exposure)
 
     @config("offset_m", ValueInfo(DataType.DOUBLE, "m", -1, 1))
     def offset_m(self) -> float:
@@ -136,7 +102,7 @@ class Camera(RobotResource):
         self._offset_m = float(offset_m)
 
     def _lens(self) -> PinholeLens:
-        return PinholeLens(self._width, self._height, self._fov_deg)
+        return PinholeLens(self.width, self.height, self.fov_deg)
 
 
 def mounted_eye(world: SimWorld, robot: SimRobot, lens: PinholeLens, offset_m: float = 0.0) -> Eye:

@@ -57,7 +57,7 @@ class Song(SongBook, RobotResource):
     def set_notes(self, text: str) -> None:
         """Store the song's notes, at most 16."""
         parse_notes(text)
-        self._songs[self._number] = text
+        self._songs[self.number] = text
 
     @command("play")
     def play(self) -> None:

@@ -7,7 +7,7 @@ import math
 
 from typing_extensions import override
 
-from eal_actors.plugin import DataType, EALData, ResourceType, ValueInfo, config, config_setter, request
+from eal_actors.plugin import DataType, EALData, ResourceType, ValueInfo, request, setting
 
 from ...roomba.senses import (
     BatteryReading,
@@ -86,6 +86,9 @@ class Range(RangingResource):
     """Distances from the robot's centre along 16 rays, the first ahead, then to the left; at most 4 m."""
 
     value = ValueInfo(DataType.DOUBLE, "m", shape=(RAYS,))
+    max_range_m: float = setting(
+        ValueInfo(DataType.DOUBLE, "m", 0.1, MAX_RANGE_M), "Greatest range; anything farther away is not seen."
+    )
 
     def __init__(self, world: SimWorld, robot: SimRobot) -> None:
         super().__init__(world, robot, 0.0, MAX_RANGE_M, robot.sensor_generator)
@@ -99,17 +102,12 @@ class Range(RangingResource):
 
     def _distances_m(self, now_s: float) -> Array:
         found_m = self._rays.ranges_m(self._world, self._robot, now_s)
-        return self._measured(found_m) if self._noise_m or self._max_range_m < MAX_RANGE_M else found_m.copy()
+        return self._measured(found_m) if self.noise_m or self.max_range_m < MAX_RANGE_M else found_m.copy()
 
     @request("angles", ValueInfo(DataType.DOUBLE, "rad", shape=(RAYS,)))
     def angles(self) -> EALData:
         """Return the rays' angles from straight ahead, counter-clockwise."""
         return EALData.of(RAY_ANGLES_RAD, unit="rad", frame_id=f"{self._robot.name}/base")
-
-    @config("max_range_m", ValueInfo(DataType.DOUBLE, "m", 0.1, MAX_RANGE_M))
-    def max_range_m(self) -> float:
-        """Greatest range; anything farther away is not seen."""
-        return self._max_range_m
 
 
 class Compass(RobotResource):
@@ -118,26 +116,18 @@ class Compass(RobotResource):
     types = ResourceType.SENSOR
     value = ValueInfo(DataType.DOUBLE, "rad", -math.pi, math.pi)
 
+    noise_rad: float = setting(ValueInfo(DataType.DOUBLE, "rad", 0, 1), "Standard deviation of the yaw's noise.")
+
     def __init__(self, world: SimWorld, robot: SimRobot) -> None:
         super().__init__(world, robot)
-        self._noise_rad = 0.0
+        self.noise_rad = 0.0
 
     def get_value(self) -> EALData:
         """Return the yaw."""
         with self._world.lock:
             now_s = self._world.catch_up()
-            yaw_rad = compass_rad(self._robot, self._noise_rad)
+            yaw_rad = compass_rad(self._robot, self.noise_rad)
         return EALData.of(yaw_rad, unit="rad", frame_id="world", stamp_s=now_s)
-
-    @config("noise_rad", ValueInfo(DataType.DOUBLE, "rad", 0, 1))
-    def noise_rad(self) -> float:
-        """Standard deviation of the yaw's noise."""
-        return self._noise_rad
-
-    @config_setter("noise_rad")
-    def set_noise_rad(self, noise_rad: float) -> None:
-        """Set the noise of later values."""
-        self._noise_rad = float(noise_rad)
 
 
 class Light(RobotResource):

@@ -86,7 +86,7 @@ MISTAKES = {
     "a config that takes any value": (
         "refuses bad arguments",
         INIT,
-        "    def set_config(self, key, data=None):\n        self._speed_m_s = data.value\n        return 1\n\n" + INIT,
+        "    def set_config(self, key, data=None):\n        self.speed_m_s = data.value\n        return 1\n\n" + INIT,
         "set_config 'speed_m_s'",
     ),
     "a command without a range check": (
@@ -135,8 +135,8 @@ MISTAKES = {
     ),
     "a speed for all": (
         "shares no state",
-        "self._speed_m_s",
-        "_EVERYBODY.speed_m_s",
+        "        self.speed_m_s = 0.1\n",
+        "        self.__dict__ = _EVERYBODY\n        self.speed_m_s = 0.1\n",
         "of one robot changed the other's",
     ),
     "one object for all": ("shares no state", "return Slide()", "return _ONLY", "have the same object"),
@@ -144,11 +144,7 @@ MISTAKES = {
 }
 
 GLOBALS = """
-
-class _EVERYBODY:
-    speed_m_s = 0.1
-
-
+_EVERYBODY = {}
 _ONCE = [1]
 """
 
@@ -194,7 +190,7 @@ def test_a_command_that_blocks_its_actor_is_told_once_and_the_rest_is_not_waited
         "            return 1\n        finally",
         "            yield\n            return 1\n        finally",
     )
-    spoil(slide, "plugin.py", "step_m = self._speed_m_s * _STEP_S", "step_m = 1e-9")
+    spoil(slide, "plugin.py", "step_m = self.speed_m_s * _STEP_S", "step_m = 1e-9")
     spoil(slide, "plugin.py", "_STEP_S = 0.05\n", "import threading\n\nENOUGH = threading.Event()\n_STEP_S = 0.05\n")
     results = list(run_checks(Bench(slide, settings_of({}), timeout_s=0.2)))
     at = next(number for number, result in enumerate(results) if result.check.name == "runs commands")

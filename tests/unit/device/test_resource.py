@@ -7,7 +7,7 @@ import pytest
 
 from eal_actors.device.data import DataType, EALData
 from eal_actors.device.info import METHODS, ResourceInfo, ResourceType, ValueInfo
-from eal_actors.device.resource import Activity, Resource, command, config, config_setter, request
+from eal_actors.device.resource import Activity, Resource, command, config, config_setter, request, setting
 from eal_actors.kernel.errors import ArgumentError, UnsupportedError
 from eal_actors.plugin import EALPlugin, PluginError
 
@@ -255,3 +255,41 @@ def test_the_two_forms_of_eal_plugin() -> None:
 def test_an_eal_plugin_that_cannot_be(names: tuple[Any, ...], message: str) -> None:
     with pytest.raises(PluginError, match=message):
         EALPlugin(*names)
+
+
+class Lamp(Resource):
+    """A lamp whose settings are attributes."""
+
+    level: float = setting(ValueInfo(DataType.DOUBLE, maximum=1), "Brightness.")
+    mode: str = setting(ValueInfo(DataType.CHAR, choices=("on", "off")), "Whether it shines.")
+
+    def __init__(self) -> None:
+        self.level = 0.5
+
+
+class DimLamp(Lamp):
+    level: float = setting(ValueInfo(DataType.DOUBLE, maximum=0.8), "Brightness.")
+
+
+def test_a_setting_is_an_attribute_and_a_configuration_key() -> None:
+    lamp = Lamp()
+    assert [(key.name, key.writable, key.description) for key in lamp.info().configs] == [
+        ("level", True, "Brightness."),
+        ("mode", True, "Whether it shines."),
+    ]
+    assert lamp.get_config("level") == 0.5
+    lamp.set_config("level", EALData.of(1))
+    assert (lamp.level, type(lamp.level)) == (1.0, float)
+    with pytest.raises(ArgumentError, match="at most 1"):
+        lamp.set_config("level", EALData.of(2.0))
+    assert Lamp().level == 0.5
+
+
+def test_a_subclass_narrows_a_setting() -> None:
+    with pytest.raises(ArgumentError, match=r"at most 0\.8"):
+        DimLamp().set_config("level", EALData.of(1.0))
+
+
+def test_a_setting_without_a_first_value_names_its_class() -> None:
+    with pytest.raises(AttributeError, match="Lamp gives its setting 'mode' no first value"):
+        Lamp().get_config("mode")
