@@ -29,7 +29,7 @@ from eal_actors.device.info import CommandInfo, ConfigInfo, ResourceInfo, Resour
 from eal_actors.device.link import FaultyLink as Link
 from eal_actors.device.localization.localizer import Localizer
 from eal_actors.device.localization.odometry_noise import OdometryNoise
-from eal_actors.device.localization.pose_estimate import PoseEstimate, wrapped_rad
+from eal_actors.device.localization.pose_estimate import PoseEstimate, is_plausible, wrapped_rad
 from eal_actors.device.localization.pose_resource import PoseResource, finite_pose
 from eal_actors.device.markers import FAMILIES, FamilyName
 from eal_actors.device.motion.slip_watch import MOST_SLIP_M, MOST_TURN_SLIP_M, SlipWatch, slip_error
@@ -54,6 +54,7 @@ from eal_actors.kernel.errors import (
     UnsupportedError,
 )
 from eal_actors.kernel.log import get_logger
+from eal_actors.kernel.log_limit import LogLimit
 
 __all__ = [
     "FAMILIES",
@@ -81,6 +82,7 @@ __all__ = [
     "Link",
     "LocalizationError",
     "Localizer",
+    "LogLimit",
     "MobileBaseSettings",
     "NotReadyError",
     "OdometryNoise",
@@ -111,6 +113,7 @@ __all__ = [
     "config_setter",
     "finite_pose",
     "get_logger",
+    "is_plausible",
     "json_object",
     "open_serial",
     "open_tcp",

@@ -84,7 +84,7 @@ def in_order(names: tuple[str, ...], files: dict[str, Path], built_in: set[str])
     return list(found.values())
 
 
-def write_initrd(kernel: Path, root: Path, out: Path, epoch: int) -> None:
+def write_initrd(kernel: Path, root: Path, out: Path, epoch: int, init: Path = INIT) -> None:
     """Write the initial RAM disk: busybox with its libraries, the modules and the init script.
 
     Args:
@@ -92,12 +92,14 @@ def write_initrd(kernel: Path, root: Path, out: Path, epoch: int) -> None:
         root: a tree that contains busybox.
         out: the file.
         epoch: the date of every file.
+        init: the script that the kernel runs.
 
     Raises:
         BuildError: busybox or one of its libraries is missing.
     """
-    files = {"init": INIT, **{f"modules/{path.name}": path for path in sorted((kernel / MODULES).iterdir())}}
-    files |= _with_libraries(root, root / "usr/bin/busybox")
+    files = {"init": init, **{f"modules/{path.name}": path for path in sorted((kernel / MODULES).iterdir())}}
+    merged = root / "usr/bin/busybox"
+    files |= _with_libraries(root, merged if merged.exists() else root / "bin/busybox")
     folders = {"dev", "proc", "sys", "root"} | {
         parent.as_posix() for name in files for parent in Path(name).parents if parent != Path()
     }

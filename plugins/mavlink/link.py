@@ -20,12 +20,14 @@ from eal_actors.plugin import (
     Activity,
     BytePort,
     EALError,
+    LogLimit,
     OdometryNoise,
     PluginContext,
     ReopeningPort,
     ResourceFaultError,
     UnavailableError,
     get_logger,
+    is_plausible,
     open_serial,
     open_tcp,
     wrapped_rad,
@@ -38,6 +40,8 @@ _READ_S: Final = 0.01
 _HEARTBEAT_S: Final = 1.0
 _MOST_READS: Final = 50
 """Reads in a turn of the thread, so that a flood does not keep our heartbeat back."""
+_MOST_STRANGERS: Final = 500
+"""Datagrams of others that a read skips, likewise."""
 _PAUSE_S: Final = 0.2
 _RATE_US: Final = 50_000
 _TRIES: Final = 3
@@ -50,9 +54,16 @@ _NOISE: Final = OdometryNoise(scale_share=1e-4, drift_rad_m=1e-4, turn_share=1e-
 
 
 class UdpListener:
-    """A BytePort that listens: it answers the last sender. Datagrams are read as bytes."""
+    """A BytePort that listens: it answers the vehicle's last address. Datagrams are read as bytes.
 
-    def __init__(self, host: str, port: int) -> None:
+    Args:
+        host: the address to listen at.
+        port: likewise.
+        system: of the vehicle; whoever else sends is not answered.
+    """
+
+    def __init__(self, host: str, port: int, system: int) -> None:
+        self._system = system
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.setblocking(False)
@@ -65,14 +76,19 @@ class UdpListener:
 
     def read(self, size: int = 1) -> bytes:  # noqa: ARG002  # a datagram is read as a whole
         """Return the next datagram; empty for none."""
-        try:
-            data, self._peer = self._socket.recvfrom(65536)
-        except (BlockingIOError, ConnectionRefusedError):
-            return b""
-        return data
+        for _ in range(_MOST_STRANGERS):
+            try:
+                data, sender = self._socket.recvfrom(65536)
+            except (BlockingIOError, ConnectionRefusedError):
+                return b""
+            if protocol.begins_frame_of(data, self._system):
+                self._peer = sender
+            if self._peer in (None, sender):  # the middle of a frame, from a bridge that cuts the bytes anywhere
+                return data
+        return b""
 
     def write(self, data: bytes) -> int:
-        """Send a datagram to the last sender; nobody has sent yet, it is dropped."""
+        """Send a datagram to the vehicle; if it has not sent yet, it is dropped."""
         try:
             return 0 if self._peer is None else self._socket.sendto(data, self._peer)
         except (BlockingIOError, ConnectionRefusedError):
@@ -141,6 +157,7 @@ class MavLink:
         self._set_point_s = -math.inf
         self._kept_until_s: float | None = None
         self._texts: list[str] = []
+        self._said = LogLimit()
         self._localizer.attach(_NOISE, not_ready=self.why_not_ready)
         self._end = threading.Event()
         self._port.open()
@@ -157,8 +174,9 @@ class MavLink:
     # The thread.
 
     def _run(self) -> None:
-        next_s, is_heard = 0.0, False
-        while not self._end.wait(_READ_S):
+        next_s, is_heard, is_full = 0.0, False, False
+        while not self._end.wait(0.0 if is_full else _READ_S):
+            is_full = False
             now_s = self._clock.now()
             try:
                 if now_s >= next_s:  # first: broken bytes must not keep it back
@@ -171,6 +189,8 @@ class MavLink:
                         break
                     for message in self._codec.parse_buffer(data) or ():
                         self._take(message)
+                else:
+                    is_full = True
                 if not is_heard and "HEARTBEAT" in self._newest:  # before it, a datagram has no address to go to
                     is_heard, next_s = True, 0.0
                 self._fill_pause()
@@ -199,17 +219,23 @@ class MavLink:
 
     def _take(self, message: Any) -> None:
         kind = message.get_type()
-        if kind == "BAD_DATA" or message.get_srcSystem() != self._settings.system_id:
+        source = self._settings.system_id, protocol.AUTOPILOT
+        if kind == "BAD_DATA" or (message.get_srcSystem(), message.get_srcComponent()) != source:
             return
         fields = [value for value in message.to_dict().values() if isinstance(value, float)]
-        if kind in ("LOCAL_POSITION_NED", "ATTITUDE") and not all(map(math.isfinite, fields)):
+        is_place = kind == "LOCAL_POSITION_NED"
+        if (is_place or kind == "ATTITUDE") and not all(map(math.isfinite, fields)):
             self._log_once(f"a {kind} that is not finite is ignored")
+            return
+        if is_place and not is_plausible(message.x, message.y, message.z):
+            self._log_once("positions over 1,000 km from the start are ignored")
             return
         now_s = self._clock.now()
         if kind == "COMMAND_ACK":
             self._acknowledged[message.command] = message.result
         elif kind == "STATUSTEXT":
-            self._log.info("the autopilot says", text=message.text)
+            if (more := self._said.admit()) is not None:
+                self._log.info("the autopilot says", text=message.text, **more)
         elif kind == "ATTITUDE":
             self._attitude = message.yaw, message.yawspeed
         elif kind == "LOCAL_POSITION_NED" and self._attitude is not None:
@@ -325,13 +351,13 @@ class MavLink:
         self._set_point_s = self._clock.now()
         system, time_ms = self._settings.system_id, int(self._set_point_s * 1000) & 0xFFFFFFFF
         message = self._codec.set_position_target_local_ned_encode(
-            time_ms, system, 1, frame, mask, *place, vx, 0.0, 0.0, 0.0, 0.0, 0.0, yaw, yaw_rate
+            time_ms, system, protocol.AUTOPILOT, frame, mask, *place, vx, 0.0, 0.0, 0.0, 0.0, 0.0, yaw, yaw_rate
         )
         self._send(message)
 
     def _send_command(self, number: int, *parameters: float) -> None:
         filled = [*map(float, parameters), *[0.0] * (7 - len(parameters))]
-        self._send(self._codec.command_long_encode(self._settings.system_id, 1, number, 0, *filled))
+        self._send(self._codec.command_long_encode(self._settings.system_id, protocol.AUTOPILOT, number, 0, *filled))
 
     def command(self, what: str, number: int, *parameters: float) -> Activity:
         """Send a command until it is acknowledged.
@@ -360,4 +386,6 @@ def _open(settings: Settings) -> BytePort:
     if not separator:
         return open_serial(settings.port, baudrate=settings.baud)
     host, _, port = rest.rpartition(":")
-    return UdpListener(host, int(port)) if scheme == "udp" else open_tcp(host, int(port))
+    if scheme == "udp":
+        return UdpListener(host, int(port), settings.system_id)
+    return open_tcp(host, int(port))

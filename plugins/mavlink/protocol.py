@@ -19,6 +19,8 @@ PX4: Final = 12
 OFFBOARD: Final = "OFFBOARD"
 """PX4's mode that takes set-points."""
 GROUND_STATION: Final = 6
+AUTOPILOT: Final = 1
+"""The component of an autopilot; a gimbal and a computer on board have others in the vehicle's system."""
 ARMED: Final = 128
 CUSTOM_MODE: Final = 1
 LOCAL_NED: Final = 1
@@ -29,6 +31,16 @@ POSITION_MASK: Final = 0b0000_1101_1111_1000
 """The position counts."""
 POSE_MASK: Final = 0b0000_1001_1111_1000
 """The position and the yaw count."""
+
+
+_SYSTEM_AT: Final = {0xFD: 5, 0xFE: 3}
+"""Position of the system in a frame, by its first byte: MAVLink 2 and 1."""
+
+
+def begins_frame_of(data: bytes, system: int) -> bool:
+    """Return whether bytes begin with a frame of a system."""
+    at = _SYSTEM_AT.get(data[0]) if data else None
+    return at is not None and len(data) > at and data[at] == system
 
 
 def _custom_modes(autopilot: int, vehicle: str) -> dict[str, int]:

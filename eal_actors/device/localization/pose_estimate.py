@@ -21,6 +21,14 @@ _LENGTH: Final = 12
 _ROUNDING: Final = 1e-9
 
 
+_FARTHEST_M: Final = 1e6
+
+
+def is_plausible(x_m: float, y_m: float, yaw_rad: float) -> bool:
+    """Return whether a robot's own numbers can be its pose: finite, and within 1,000 km of where it counts from."""
+    return math.isfinite(yaw_rad) and abs(x_m) <= _FARTHEST_M and abs(y_m) <= _FARTHEST_M
+
+
 def wrapped_rad(angle_rad: float) -> float:
     """Return the same direction in (-pi, pi]."""
     wrapped = math.remainder(angle_rad, math.tau)
