@@ -132,7 +132,8 @@ evbotos-setup:  ## install the programs that build and test images of EvBotOS (D
 	$(SUDO) apt-get update -qq
 	$(SUDO) DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $(EVBOTOS_TOOLS)
 
-test-evbotos: $(STAMP)  ## build images, boot them in QEMU and test them, with updates and power cuts
+test-evbotos: $(STAMP)  ## build images, boot them in QEMU and test them, with updates and power cuts; and input devices, in a guest
+	@$(BIN)/python -m pip install --quiet 'evdev>=1.9' || echo "evdev could not be installed; input devices are left out"
 	$(BIN)/python -m pytest tests/evbotos -m evbotos -rA --timeout=3600
 
 test-bitbake: $(STAMP)  ## plan the OpenEmbedded images with real BitBake from a folder of git mirrors: MIRRORS=/srv/git

@@ -16,7 +16,7 @@ from __future__ import annotations
 from pydantic import Field
 
 from eal_actors.device.data import DataType, EALData
-from eal_actors.device.data.texts import json_object
+from eal_actors.device.data.texts import finite_json, json_object
 from eal_actors.device.differential_base import (
     DifferentialBase,
     Drivetrain,
@@ -111,6 +111,7 @@ __all__ = [
     "command",
     "config",
     "config_setter",
+    "finite_json",
     "finite_pose",
     "get_logger",
     "is_plausible",

@@ -19,6 +19,7 @@ from eal_actors.plugin import (
     Resource,
     ResourceType,
     ValueInfo,
+    finite_json,
 )
 
 from .connection import MqttConnection, MqttMessage, MqttReceived, TopicInbox, age_text
@@ -155,13 +156,9 @@ def decode(payload: bytes, settings: MqttTopicSettings) -> Any:
 
 def _json(text: str, topic: str) -> Any:
     try:
-        return json.loads(text, parse_constant=_refuse)
-    except (ValueError, RecursionError) as error:
+        return finite_json(text)
+    except ValueError as error:
         raise DataError(f"{topic}: a message is no JSON: {error}") from None
-
-
-def _refuse(name: str) -> None:
-    raise ValueError(f"{name} is no number of JSON")
 
 
 def _field(text: str, settings: MqttTopicSettings) -> Any:
@@ -176,7 +173,7 @@ def _field(text: str, settings: MqttTopicSettings) -> Any:
 def _number(found: Any, settings: MqttTopicSettings) -> float:
     try:
         number = math.nan if isinstance(found, bool) else float(found)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         number = math.nan
     if not math.isfinite(number):
         raise DataError(f"{settings.topic}: {str(found)[:40]!r} is no finite number")
@@ -195,8 +192,8 @@ def encode(value: Any, settings: MqttTopicSettings) -> bytes:
         return (settings.on if value else settings.off).encode()
     if settings.value == "json":
         try:
-            value = json.loads(value)
-        except (ValueError, RecursionError) as error:
+            value = finite_json(value)
+        except ValueError as error:
             raise ArgumentError(f"{settings.topic} takes JSON: {error}") from None
     if settings.field is not None:
         for name in reversed(settings.field.split(".")):

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from eal_actors import EALData, EALError, Fleet, Future, RobotHandle
-from eal_actors.plugin import DataError, Field, PluginSettingsModel, get_logger
+from eal_actors.plugin import DataError, Field, LogLimit, PluginSettingsModel, get_logger
 from eal_actors.recording.sampler import Sampler, SampleSpec
 
 from . import graph
@@ -32,7 +32,6 @@ _BASE: Final = "Base"
 _TICK_S: Final = 0.02
 _SILENCE_S: Final = 0.5
 """Real seconds without a velocity after which a robot is halted and released."""
-_LOG_S: Final = 10.0
 _PLAN_S: Final = 0.5
 """Real seconds between two messages of a motion's path."""
 _PICTURE_S: Final = 30.0
@@ -185,7 +184,7 @@ class VelocityFollower:
         self._subscription = subscription
         self._commanded_s: float | None = None
         self._log = get_logger(robot=robot.name)
-        self._logged_s = -math.inf
+        self._ignored = LogLimit(most=1)
 
     def step(self) -> None:
         """Follow the newest velocity, or halt the robot when they cease."""
@@ -226,6 +225,5 @@ class VelocityFollower:
             self._log.error("could not be halted after its velocities ceased", reason=error.message)
 
     def _warn(self, reason: str) -> None:
-        if time.perf_counter() - self._logged_s > _LOG_S:
-            self._logged_s = time.perf_counter()
-            self._log.warning("a velocity of cmd_vel is not followed", reason=reason)
+        if (more := self._ignored.admit()) is not None:
+            self._log.warning("a velocity of cmd_vel is not followed", reason=reason, **more)

@@ -14,12 +14,14 @@ from eal_actors.plugin import (
     DataType,
     EALData,
     Localizer,
+    LogLimit,
     OdometryNoise,
     Resource,
     ResourceType,
     UnavailableError,
     ValueInfo,
     get_logger,
+    is_plausible,
     wrapped_rad,
 )
 
@@ -34,7 +36,9 @@ _STILL_RAD_S: Final = 0.01
 
 
 def yaw_of(rotation: Any) -> float:
-    """Return the yaw of a quaternion, in rad."""
+    """Return the yaw of a quaternion, in rad; NaN if it is no rotation."""
+    if not 0.9 < math.hypot(rotation.x, rotation.y, rotation.z, rotation.w) < 1.1:
+        return math.nan
     sine = 2.0 * (rotation.w * rotation.z + rotation.x * rotation.y)
     return math.atan2(sine, 1.0 - 2.0 * (rotation.y * rotation.y + rotation.z * rotation.z))
 
@@ -88,6 +92,7 @@ class RosOdometer:
         self._offset = StampOffset()
         self._latest: RosOdometryReading | None = None
         self._problem: str | None = None
+        self._ignored = LogLimit()
         localizer.attach(noise, refresh=self.refresh, not_ready=self.why_not_ready)
 
     def refresh(self) -> None:
@@ -104,8 +109,8 @@ class RosOdometer:
                     self._note(error)
 
     def _note(self, error: DataError) -> None:
-        if self._problem is None:
-            get_logger(robot=self._localizer.robot).warning("odometry is ignored", reason=error.message)
+        if self._problem is None and (more := self._ignored.admit()) is not None:
+            get_logger(robot=self._localizer.robot).warning("odometry is ignored", reason=error.message, **more)
         self._problem = error.message
 
     def _follow(self, message: Any) -> None:
@@ -114,7 +119,11 @@ class RosOdometer:
             pose.position.x, pose.position.y, yaw_of(pose.orientation), twist.linear.x, twist.angular.z
         )  # fmt: skip
         if not all(map(math.isfinite, numbers)):
-            raise DataError(f"{self._subscription.topic}: the pose or twist is not finite")
+            raise DataError(
+                f"{self._subscription.topic}: the pose or twist is not finite, or the orientation no rotation"
+            )
+        if not is_plausible(*numbers[:3]):
+            raise DataError(f"{self._subscription.topic}: the position is over 1,000 km from the start")
         stamp = message.header.stamp
         stamp_s = self._offset.fleet_s(stamp.sec + stamp.nanosec / 1e9, self._clock.now())
         x_m, y_m, yaw_rad, speed_m_s, rate_rad_s = numbers

@@ -17,6 +17,7 @@ from eal_actors.plugin import (
     Activity,
     DataError,
     EALError,
+    LogLimit,
     OdometryNoise,
     PluginContext,
     UnavailableError,
@@ -84,6 +85,7 @@ class AgvLink:
         self._position: AgvPosition | None = None
         self._connected: str | None = None
         self._problem: str | None = None
+        self._ignored = LogLimit()
         self._commander: MqttConnection | None = None
         self._halted_s: float | None = None
         self._repeat_s = math.inf
@@ -122,8 +124,8 @@ class AgvLink:
                 received = inbox.take()
                 return None if received is None else (decode(kind, received.payload), received.arrived_s)
             except DataError as error:
-                if self._problem is None:
-                    self._log.warning("a message is ignored", topic=inbox.topic, reason=error.message)
+                if self._problem is None and (more := self._ignored.admit()) is not None:
+                    self._log.warning("a message is ignored", topic=inbox.topic, reason=error.message, **more)
                 self._problem = f"{inbox.topic}: {error.message}"
 
     def _follow(self, position: AgvPosition | None, arrived_s: float) -> None:

@@ -10,9 +10,9 @@ from __future__ import annotations
 import time
 from collections import Counter
 from datetime import UTC, datetime
-from typing import Any, Final, Literal, TypeVar
+from typing import Annotated, Any, Final, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic.alias_generators import to_camel
 
 from eal_actors.plugin import DataError
@@ -20,6 +20,16 @@ from eal_actors.plugin import DataError
 VERSION: Final = "2.1.0"
 _MAJOR: Final = VERSION.partition(".")[0]
 _MOST_PROBLEM: Final = 200
+_MOST_WORDS: Final = 500
+_MOST_NAME: Final = 1000
+Name = Annotated[str, Field(max_length=_MOST_NAME)]
+"""An identifier: states and errors repeat it."""
+
+
+Metres = Annotated[float, Field(ge=-1e6, le=1e6)]
+"""A coordinate: nothing is over 1,000 km from its map's origin."""
+Words = Annotated[str, AfterValidator(lambda text: text[:_MOST_WORDS])]
+"""Text for people; the rest of a long one is left out."""
 
 
 class Part(BaseModel):
@@ -54,9 +64,9 @@ class ActionParameter(Part):
 class AgvAction(Part):
     """An action of a node, of an edge, or an instant one."""
 
-    action_type: str
-    action_id: str
-    action_description: str | None = None
+    action_type: Name
+    action_id: Name
+    action_description: Words | None = None
     blocking_type: Literal["NONE", "SOFT", "HARD"]
     action_parameters: list[ActionParameter] | None = None
 
@@ -68,18 +78,18 @@ class AgvAction(Part):
 class NodePosition(Part):
     """A place on a map, in m and rad."""
 
-    x: float
-    y: float
+    x: Metres
+    y: Metres
     theta: float | None = None
     allowed_deviation_xy: float | None = Field(default=None, alias="allowedDeviationXY")
     allowed_deviation_theta: float | None = None
-    map_id: str
+    map_id: Name
 
 
 class Node(Part):
     """A node of an order."""
 
-    node_id: str
+    node_id: Name
     sequence_id: int
     released: bool
     node_position: NodePosition | None = None
@@ -89,11 +99,11 @@ class Node(Part):
 class Edge(Part):
     """An edge of an order."""
 
-    edge_id: str
+    edge_id: Name
     sequence_id: int
     released: bool
-    start_node_id: str
-    end_node_id: str
+    start_node_id: Name
+    end_node_id: Name
     max_speed: float | None = None
     max_rotation_speed: float | None = None
     orientation: float | None = None
@@ -105,7 +115,7 @@ class Edge(Part):
 class Order(AgvHeader):
     """An order, or an update of it."""
 
-    order_id: str
+    order_id: Name
     order_update_id: int
     nodes: list[Node]
     edges: list[Edge]
@@ -126,10 +136,10 @@ class Connection(AgvHeader):
 class AgvPosition(Part):
     """The AGV's pose on a map, in m and rad."""
 
-    x: float
-    y: float
+    x: Metres
+    y: Metres
     theta: float
-    map_id: str
+    map_id: Name
     position_initialized: bool
     localization_score: float | None = None
     deviation_range: float | None = None
@@ -146,7 +156,7 @@ class Velocity(Part):
 class NodeState(Part):
     """A node that is still to be passed."""
 
-    node_id: str
+    node_id: Name
     sequence_id: int
     released: bool
     node_position: NodePosition | None = None
@@ -155,7 +165,7 @@ class NodeState(Part):
 class EdgeState(Part):
     """An edge that is still to be left."""
 
-    edge_id: str
+    edge_id: Name
     sequence_id: int
     released: bool
 
@@ -163,26 +173,26 @@ class EdgeState(Part):
 class ActionState(Part):
     """The state of an action."""
 
-    action_id: str
-    action_type: str | None = None
+    action_id: Name
+    action_type: Name | None = None
     action_status: Literal["WAITING", "INITIALIZING", "RUNNING", "PAUSED", "FINISHED", "FAILED"]
-    result_description: str | None = None
+    result_description: Words | None = None
 
 
 class Reference(Part):
     """The subject of an error."""
 
-    reference_key: str
-    reference_value: str
+    reference_key: Name
+    reference_value: Name
 
 
 class AgvError(Part):
     """An error that an AGV reports."""
 
-    error_type: str
+    error_type: Name
     error_level: Literal["WARNING", "FATAL"]
-    error_description: str | None = None
-    error_hint: str | None = None
+    error_description: Words | None = None
+    error_hint: Words | None = None
     error_references: list[Reference] | None = None
 
     def is_about(self, order_id: str) -> bool:
@@ -216,9 +226,9 @@ class SafetyState(Part):
 class AgvState(AgvHeader):
     """The state of an AGV."""
 
-    order_id: str
+    order_id: Name
     order_update_id: int
-    last_node_id: str
+    last_node_id: Name
     last_node_sequence_id: int
     driving: bool
     paused: bool | None = None

@@ -8,10 +8,12 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 
-from .messages import AgvError, Edge, EdgeState, Node, NodeState, Order, Reference
+from .messages import AgvAction, AgvError, Edge, EdgeState, Node, NodeState, Order, Reference
 
 _DEVIATION_M = 0.5
 """Distance from the first node within which an order is taken, if the order gives none."""
+_MOST_PARTS = 1000
+"""Every state repeats the nodes and actions that are left."""
 
 
 class OrderBook:
@@ -94,6 +96,8 @@ class OrderBook:
     def _problem(self, order: Order) -> str | None:
         """Return what is wrong with an order by itself."""
         nodes, edges = order.nodes, order.edges
+        if len(nodes) + sum(len(node.actions) for node in nodes) > _MOST_PARTS:
+            return f"an order has at most {_MOST_PARTS} nodes and actions together"
         if not nodes or len(edges) != len(nodes) - 1:
             return f"{len(nodes)} nodes and {len(edges)} edges: there must be one edge between two nodes"
         first = nodes[0].sequence_id
@@ -104,6 +108,8 @@ class OrderBook:
             ends = nodes[number].node_id, nodes[number + 1].node_id
             if edge.sequence_id != first + 2 * number + 1 or (edge.start_node_id, edge.end_node_id) != ends:
                 return f"edge {edge.edge_id} does not join {ends[0]} and {ends[1]}"
+            if edge.max_speed is not None and edge.max_speed <= 0:
+                return f"edge {edge.edge_id} has a maxSpeed of {edge.max_speed:g} m/s"
             if edge.actions:
                 return f"edge {edge.edge_id} has actions; only nodes may have some"
         released = [one.released for pair in zip(nodes, [*edges, None], strict=True) for one in pair if one is not None]
@@ -135,9 +141,11 @@ class OrderBook:
         self.nodes = [one for one in self.nodes if one.sequence_id > node.sequence_id]
         self.edges = [one for one in self.edges if one.sequence_id > node.sequence_id]
 
-    def cancel(self) -> None:
-        """Forget the nodes and edges of the order."""
+    def cancel(self) -> list[AgvAction]:
+        """Forget the nodes and edges of the order; returns the actions that were left."""
+        left = [action for node in self.nodes for action in node.actions]
         self.nodes, self.edges, self._last_released = [], [], None
+        return left
 
     def needs_base(self) -> bool:
         """Return whether the vehicle waits for the release of further nodes."""

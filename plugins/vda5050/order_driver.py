@@ -35,6 +35,7 @@ class OrderDriver:
         self._working: tuple[AgvAction, Future[Any]] | None = None
         self._waiting: list[AgvAction] = []
         self._usual: Future[EALData] | None = None
+        self._limit: tuple[float, Future[int]] | None = None
         self._restoring: Future[int] | None = None
 
     @property
@@ -79,11 +80,10 @@ class OrderDriver:
     def cancel(self) -> None:
         """Halt the robot, and forget the order."""
         self.stop()
-        self._book.cancel()
         if self._working is not None:
             self._waiting.append(self._working[0])
             self._working[1].cancel()
-        for action in self._waiting:
+        for action in (*self._waiting, *self._book.cancel()):
             self._report.set_action(action, "FAILED", "cancelled")
         self._waiting, self._working = [], None
         self._let_go()
@@ -96,21 +96,32 @@ class OrderDriver:
         if edge is None and is_placed and position.theta is None:  # the first node: it is there
             self._pass(node)
             return
-        if edge is not None and edge.max_speed is not None:
-            if self._usual is None:
-                self._usual = base.get_config("speed_m_s", timeout_s=_CONFIG_S)
-            if not self._usual.done():  # other vehicles do not wait for it
-                return
-            try:
-                usual_m_s = float(self._usual.get().value)
-            except EALError as error:
-                self._usual = None
-                self._fail(node, error)
-                return
-            base.set_config("speed_m_s", min(usual_m_s, edge.max_speed))
+        if edge is not None and edge.max_speed is not None and not self._is_limited(node, edge.max_speed):
+            return
         goal = [position.x, position.y] if position.theta is None else [position.x, position.y, position.theta]
         self._driving = node, base.send_cmd("goto", goal, timeout_s=_DRIVE_S)
         self._report.is_due = True
+
+    def _is_limited(self, node: Node, most_m_s: float) -> bool:
+        """Return whether the robot is at most that fast; other vehicles do not wait for it."""
+        base = self._robot[BASE]
+        if self._usual is None:
+            self._usual = base.get_config("speed_m_s", timeout_s=_CONFIG_S)
+        if not self._usual.done():
+            return False
+        try:
+            wanted_m_s = min(float(self._usual.get().value), most_m_s)
+            if self._limit is None or self._limit[0] != wanted_m_s:
+                self._limit = wanted_m_s, base.set_config("speed_m_s", wanted_m_s, timeout_s=_CONFIG_S)
+            if self._limit[1].done():
+                self._limit[1].get()
+                return True
+        except EALError as error:
+            self._limit = None
+            if self._usual.exception() is not None:
+                self._usual = None
+            self._fail(node, error)
+        return False
 
     def _hear_of_node(self) -> None:
         if self._driving is None or not self._driving[1].done():
@@ -164,7 +175,7 @@ class OrderDriver:
 
     def _let_go(self) -> None:
         """Restore the usual speed, and release the robot for other controllers."""
-        usual, self._usual = self._usual, None
+        usual, self._usual, self._limit = self._usual, None, None
         if usual is None or not usual.done() or usual.exception() is not None:
             self._robot.release()
         else:

@@ -7,13 +7,12 @@ Thread: one at a time.
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Mapping
 from typing import Final
 
 from eal_actors import EALData, EALError, RobotHandle
-from eal_actors.plugin import Clock, DataError, get_logger
+from eal_actors.plugin import Clock, DataError, get_logger, is_plausible
 
 from .factsheet import ACTIONS, factsheet
 from .messages import AgvAction, AgvPosition, AgvState, BatteryState, InstantActions, Order, SafetyState, Visualization
@@ -25,6 +24,8 @@ from .vehicle_topics import VehicleTopics
 
 _UNKNOWN_CHARGE: Final = 80.0
 """The standard's value for a battery that is good, of a robot that does not measure it."""
+_MOST_ACTIONS: Final = 100
+"""In a message: the other vehicles wait for it."""
 
 
 class FleetVehicle:
@@ -89,6 +90,8 @@ class FleetVehicle:
             self._report.add("validationError", message.message)
         elif isinstance(message, Order):
             self._accept(message)
+        elif len(message.actions) > _MOST_ACTIONS:
+            self._report.add("validationError", f"instantActions has at most {_MOST_ACTIONS} actions")
         else:
             for action in message.actions:
                 self._act(action)
@@ -116,7 +119,7 @@ class FleetVehicle:
         handle = known.get(action.action_type)
         try:
             problem = "unknown action" if handle is None else handle(action)
-        except (EALError, KeyError, TypeError, ValueError) as error:
+        except (EALError, KeyError, TypeError, ValueError, OverflowError) as error:
             problem = str(error)
         self._report.set_action(action, "FINISHED" if problem is None else "FAILED", problem)
         if problem is not None:
@@ -144,8 +147,10 @@ class FleetVehicle:
     def _init_position(self, action: AgvAction) -> None:
         wanted = action.parameters()
         pose = [float(wanted[name]) for name in ("x", "y", "theta")]
-        if not all(map(math.isfinite, pose)) or wanted.get("mapId") != self._settings.map_id:
-            raise ValueError(f"initPosition needs finite x, y, theta and the map {self._settings.map_id}")
+        if not is_plausible(*pose) or wanted.get("mapId") != self._settings.map_id:
+            raise ValueError(
+                f"initPosition needs finite x, y, theta within 1,000 km, and the map {self._settings.map_id}"
+            )
         self._robot["Pose"].set_value(pose)
 
     # What it publishes.

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from eal_actors.plugin import get_logger
+from eal_actors.plugin import LogLimit, get_logger
 
 from .messages import ActionState, AgvAction, AgvError, Reference
 
 _MOST_ACTIONS: Final = 50
 """Actions that are over and still reported."""
 _MOST_ERRORS: Final = 10
+_MOST_SHOWN: Final = 500
 
 
 class VehicleReport:
@@ -29,6 +30,7 @@ class VehicleReport:
         self.errors: list[AgvError] = []
         self._actions: dict[str, ActionState] = {}
         self._log = get_logger(robot=robot)
+        self._logged = LogLimit()
 
     @property
     def is_fatal(self) -> bool:
@@ -44,7 +46,8 @@ class VehicleReport:
         """Add an error, and log it."""
         found = [Reference(reference_key=key, reference_value=value) for key, value in references.items()]
         self.keep(AgvError(error_type=kind, error_level=level, error_description=description, error_references=found))
-        self._log.warning("the vehicle reports an error", kind=kind, reason=description)
+        if (more := self._logged.admit()) is not None:
+            self._log.warning("the vehicle reports an error", kind=kind, reason=description[:_MOST_SHOWN], **more)
 
     def keep(self, error: AgvError) -> None:
         """Add an error that others know of."""

@@ -1,4 +1,4 @@
-"""A guest of QEMU that runs a command of this machine under Debian's kernel, for devices that this machine's kernel lacks.
+"""A guest of QEMU that runs a command of this machine under Debian's kernel, for devices that the machine's own lacks.
 
 The guest sees this machine's files, read only, so it has the same Python and the same source. Its `/run` is writable
 memory. No privileges are needed.
@@ -22,6 +22,8 @@ KERNEL: Final = "linux-image-amd64"
 INIT: Final = Path(__file__).with_name("guest-init")
 _FILE_SYSTEM: Final = ("virtio_pci", "9pnet_virtio", "9p")
 _MEMORY_MB: Final = 1500
+_KERNEL_LINE: Final = "console=ttyS0 quiet panic=-1 no_timer_check"
+"""The check of the timer fails in a guest on a loaded machine."""
 
 
 class Outcome(NamedTuple):
@@ -65,7 +67,14 @@ class Guest:
         (shared / "command").write_text(f"cd {shlex.quote(str(cwd))}\nexec {shlex.join(map(str, command))}\n")
         arguments: list[str | Path] = ["-accel", "tcg,tb-size=256", "-cpu", "max", "-smp", "2", "-m", str(_MEMORY_MB)]
         arguments += ["-nodefaults", "-no-user-config", "-display", "none", "-no-reboot", "-serial", "stdio"]
-        arguments += ["-kernel", self._kernel, "-initrd", self._initrd, "-append", "console=ttyS0 quiet panic=-1 no_timer_check"]
+        arguments += [
+            "-kernel",
+            self._kernel,
+            "-initrd",
+            self._initrd,
+            "-append",
+            "console=ttyS0 quiet panic=-1 no_timer_check",
+        ]
         for path, tag, access in (("/", "host", "on"), (shared, "shared", "off")):
             sharing = f"local,path={path},mount_tag={tag},security_model=none,readonly={access},multidevs=remap"
             arguments += ["-virtfs", sharing]
@@ -84,7 +93,7 @@ class Guest:
 def _depended(package: str) -> str:
     """Return the package that a metapackage depends on."""
     said = run(["apt-cache", "depends", package])
-    return re.findall(r"Depends: (linux-image-\S+)", said)[0]
+    return str(re.findall(r"Depends: (linux-image-\S+)", said)[0])
 
 
 def _download(folder: Path, package: str) -> Path:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Final
 
@@ -11,7 +10,7 @@ from typing_extensions import override
 from eal_actors.device.data import DataType, EALData
 from eal_actors.device.info import CommandInfo, ResourceInfo, ResourceType, ValueInfo
 from eal_actors.device.localization.localizer import FixOutcome, Localizer
-from eal_actors.device.localization.pose_estimate import PoseEstimate
+from eal_actors.device.localization.pose_estimate import PoseEstimate, is_plausible
 from eal_actors.device.resource import Resource, request
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import ArgumentError
@@ -92,9 +91,11 @@ def finite_pose(data: EALData) -> tuple[float, float, float]:
     """Return the pose [x_m, y_m, yaw_rad] in a value.
 
     Raises:
-        ArgumentError: a number is not finite.
+        ArgumentError: a number is not finite, or the place is over 1,000 km away.
     """
     x_m, y_m, yaw_rad = (float(number) for number in data.value)
-    if not all(map(math.isfinite, (x_m, y_m, yaw_rad))):
-        raise ArgumentError(f"a pose must consist of finite numbers, not {x_m:g}, {y_m:g}, {yaw_rad:g}")
+    if not is_plausible(x_m, y_m, yaw_rad):
+        raise ArgumentError(
+            f"a pose must consist of finite numbers, within 1,000 km, not {x_m:g}, {y_m:g}, {yaw_rad:g}"
+        )
     return x_m, y_m, yaw_rad

@@ -6,21 +6,28 @@ robot under its lease, with the dead-man's switch of the dashboard. Parameters a
 
 from __future__ import annotations
 
-import json
 import math
 import threading
+from contextlib import suppress
 from typing import Any, Final
 
 from foxglove.websocket import Parameter
 
+from eal_actors.actors.future import Future
+from eal_actors.device.data import EALData
+from eal_actors.device.data.texts import finite_json
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import EALError
 from eal_actors.kernel.log import get_logger
+from eal_actors.kernel.log_limit import LogLimit
 from eal_actors.operate.dashboard.control import ControlRegistry
 from eal_actors.operate.dashboard.teleop import DRIVE_RESOURCE, Teleop, Twist
 
 _SUFFIX: Final = "/cmd_vel"
 _ANSWER_S: Final = 2.0
+_MOST_SHOWN: Final = 200
+"""Characters of a viewer's text in a log line."""
 
 
 class ViewerControl:
@@ -36,6 +43,7 @@ class ViewerControl:
         self._lock = threading.Lock()
         self._robots: dict[tuple[int, int], str] = {}
         self._presses: dict[str, int] = {}
+        self._ignored = LogLimit()
 
     def start(self) -> None:
         """Start the dead-man's switch."""
@@ -52,8 +60,9 @@ class ViewerControl:
         robot = channel.topic.removesuffix(_SUFFIX).strip("/")
         if channel.topic.endswith(_SUFFIX) and robot in self._fleet and channel.encoding == "json":
             self._robots[client.id, channel.id] = robot
-        else:
-            get_logger().warning("a viewer's topic drives no robot", topic=channel.topic, encoding=channel.encoding)
+        elif (more := self._ignored.admit()) is not None:
+            topic, encoding = channel.topic[:_MOST_SHOWN], channel.encoding[:_MOST_SHOWN]
+            get_logger().warning("a viewer's topic drives no robot", topic=topic, encoding=encoding, **more)
 
     def on_client_unadvertise(self, client: Any, client_channel_id: int) -> None:
         """Halt the robot of a topic that is given up, as when a viewer leaves."""
@@ -69,13 +78,12 @@ class ViewerControl:
             return
         viewer = _name(client)
         try:
-            fields = json.loads(data)
-            twist = Twist(float(fields["linear"]["x"]), float(fields["angular"]["z"]))
-        except (ValueError, KeyError, TypeError) as error:
-            get_logger(robot=robot).warning("a viewer's velocity is ignored", reason=repr(error))
-            return
-        if not all(map(math.isfinite, twist)):
-            get_logger(robot=robot).warning("a viewer's velocity is ignored", reason="it is not finite")
+            twist = _twist(data)
+        except (ValueError, KeyError, TypeError, OverflowError) as error:
+            if (more := self._ignored.admit()) is not None:
+                get_logger(robot=robot).warning(
+                    "a viewer's velocity is ignored", reason=repr(error)[:_MOST_SHOWN], **more
+                )
             return
         try:
             self._teleop.drive(viewer, robot, self._press_of(viewer), twist, self._on_error)
@@ -104,7 +112,7 @@ class ViewerControl:
 
     def on_get_parameters(self, client: Any, param_names: list[str], request_id: str | None = None) -> list[Parameter]:  # noqa: ARG002
         """Return configuration keys; all of them for no names."""
-        return [found for name in param_names or self._all_names() if (found := self._read(name)) is not None]
+        return self._read(param_names or self._all_names())
 
     def on_set_parameters(
         self,
@@ -118,8 +126,10 @@ class ViewerControl:
                 robot, resource, key = _split(parameter.name)
                 self._fleet[robot][resource].set_config(key, parameter.get_value()).get(timeout=_ANSWER_S)
             except (EALError, ValueError) as error:
-                get_logger().warning("a parameter is not set", name=parameter.name, reason=str(error))
-        return [found for parameter in parameters if (found := self._read(parameter.name)) is not None]
+                if (more := self._ignored.admit()) is not None:
+                    name, reason = parameter.name[:_MOST_SHOWN], str(error)[:_MOST_SHOWN]
+                    get_logger().warning("a parameter is not set", name=name, reason=reason, **more)
+        return self._read([parameter.name for parameter in parameters])
 
     def _all_names(self) -> list[str]:
         return [
@@ -129,14 +139,33 @@ class ViewerControl:
             for config in robot[resource].info.configs
         ]
 
-    def _read(self, name: str) -> Parameter | None:
-        try:
-            robot, resource, key = _split(name)
-            value = self._fleet[robot][resource].get_config(key).get(timeout=_ANSWER_S).value
-            return Parameter(name, value=value) if isinstance(value, bool | int | float | str) else None
-        except (EALError, ValueError) as error:
-            get_logger().debug("a parameter cannot be read", name=name, reason=str(error))
-            return None
+    def _read(self, names: list[str]) -> list[Parameter]:
+        """Return those that can be read; all are asked at once, so that a robot that hangs costs its time-out once."""
+        asked: dict[str, Future[EALData]] = {}
+        for name in names:
+            with suppress(EALError, ValueError):
+                robot, resource, key = _split(name)
+                asked[name] = self._fleet[robot][resource].get_config(key)
+        end_s = REAL_TIME.now() + _ANSWER_S
+        found = []
+        for name, answer in asked.items():
+            try:
+                value = answer.get(timeout=max(0.0, end_s - REAL_TIME.now())).value
+            except EALError as error:
+                get_logger().debug("a parameter cannot be read", name=name, reason=str(error))
+                continue
+            if isinstance(value, bool | int | float | str):
+                found.append(Parameter(name, value=value))
+        return found
+
+
+def _twist(data: bytes) -> Twist:
+    """Return the velocity in a message; raises ValueError, KeyError, TypeError or OverflowError for another one."""
+    fields = finite_json(data)
+    twist = Twist(float(fields["linear"]["x"]), float(fields["angular"]["z"]))
+    if not all(map(math.isfinite, twist)):  # "nan" as a text
+        raise ValueError("it is not finite")
+    return twist
 
 
 def _split(name: str) -> tuple[str, str, str]:

@@ -60,7 +60,13 @@ class Viewer:
         self.send(op="subscribe", subscriptions=[{"id": number, "channelId": number} for number, _ in pairs])
 
     def publish(self, channel: int, content: Any) -> None:
-        self._socket.send(struct.pack("<BI", 1, channel) + json.dumps(content).encode())
+        self.publish_bytes(channel, json.dumps(content).encode())
+
+    def publish_bytes(self, channel: int, content: bytes) -> None:
+        self.send_raw(struct.pack("<BI", 1, channel) + content)
+
+    def send_raw(self, frame: str | bytes) -> None:
+        self._socket.send(frame)
 
     def receive(self) -> Shown | None:
         """Receive one frame; returns the message in it, if it has one."""

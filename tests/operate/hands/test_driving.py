@@ -126,32 +126,3 @@ def test_a_gamepad_that_is_not_there(tmp_path: Path) -> None:
     if not Path("/dev/input").exists():
         with pytest.raises(EALError, match="no gamepad: /dev/input has no devices"):
             find_input()
-
-
-@pytest.mark.skipif(not os.access("/dev/uinput", os.W_OK), reason="/dev/uinput is not writable here")
-def test_a_real_input_device_of_uinput(fleet: Fleet) -> None:
-    import evdev
-
-    stick = evdev.AbsInfo(value=128, min=0, max=255, fuzz=0, flat=0, resolution=0)
-    abilities: dict[int, Any] = {evdev.ecodes.EV_KEY: [0x130, BTN_TR], evdev.ecodes.EV_ABS: [(0, stick), (1, stick)]}
-    base = resource_of(fleet, "one", "Base")
-    with evdev.UInput(abilities, name="EAL gamepad") as device:
-        source = find_input(Path(str(device.device.path)))
-        failed: list[EALError] = []
-
-        def run() -> None:
-            try:
-                HandDriver(fleet, ["one"], HandSettings(), lambda _: None).run(source)
-            except EALError as error:
-                failed.append(error)
-
-        thread = threading.Thread(target=run)
-        thread.start()
-        device.write(EV_ABS, ABS_Y, 0)
-        device.write(EV_KEY, BTN_TR, 1)
-        device.syn()
-        wait_for(base, lambda: base.twist[0] > 0)
-    thread.join(60)
-    assert failed
-    assert "unplugged" in failed[0].message
-    halted(base)

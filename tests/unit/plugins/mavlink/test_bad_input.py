@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 import socket
 import threading
@@ -16,7 +15,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from eal_actors import Fleet
 from eal_actors.kernel.clock import REAL_TIME
-from eal_actors.kernel.log import configure_logging
+from tests.log_lines import log_lines
 from tests.unit.plugins.mavlink.rig import Vehicle
 from tests.unit.plugins.mavlink.test_vehicles import CALL_S, ready, settings_of
 from tests.unit.plugins.mqtt.rig import mqtt_fleet
@@ -92,9 +91,7 @@ def test_an_absurd_position_is_ignored(tmp_path: Path, north_m: float) -> None:
 
 
 def test_texts_of_the_autopilot_do_not_flood_the_log(tmp_path: Path) -> None:
-    lines = io.StringIO()
-    configure_logging("json", "info", lines)
-    with one_rover(tmp_path) as (fleet, rover, _):
+    with log_lines() as lines, one_rover(tmp_path) as (fleet, rover, _):
         for number in range(5000):
             rover.say(packed(1, 1, "statustext", 4, f"text {number}".encode()))
         assert fleet["one"]["Base"].send_cmd("f0.3", timeout_s=CALL_S).get() == 1
