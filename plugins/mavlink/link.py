@@ -59,7 +59,7 @@ class UdpListener:
     Args:
         host: the address to listen at.
         port: likewise.
-        system: of the vehicle; whoever else sends is not answered.
+        system: of the vehicle; other senders are not answered.
     """
 
     def __init__(self, host: str, port: int, system: int) -> None:

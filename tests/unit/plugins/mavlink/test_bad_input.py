@@ -60,7 +60,7 @@ def one_rover(folder: Path) -> Iterator[tuple[Fleet, Vehicle, int]]:
 
 
 def test_strangers_at_the_port_do_not_take_the_answers(tmp_path: Path) -> None:
-    """Set-points and the heartbeat go to the vehicle, not to whoever sent last."""
+    """Set-points and the heartbeat go to the vehicle, not to the last sender."""
     noise = b"\x00" * 40, packed(77, 1, "local_position_ned", 0, 50.0, 50.0, 0.0, 0.0, 0.0, 0.0)
     with one_rover(tmp_path) as (fleet, rover, port), flooding(port, *noise) as sent:
         assert fleet["one"]["Base"].send_cmd("f0.5", timeout_s=CALL_S).get() == 1
