@@ -37,6 +37,7 @@ from eal_actors.device.plugin_context import EALPlugin, FactoryPlugin, FleetServ
 from eal_actors.device.ports import BytePort, ReopeningDevice, ReopeningPort
 from eal_actors.device.resource import Activity, Resource, command, config, config_setter, request, setting
 from eal_actors.device.serial_ports import open_serial
+from eal_actors.device.serving_emulators import PacedEmulator, serve_emulator
 from eal_actors.device.sockets import TcpPort, UdpPort, open_tcp
 from eal_actors.device.velocity_base import OdometryReading, VelocityBase
 from eal_actors.device.world import FloorMarker
@@ -87,6 +88,7 @@ __all__ = [
     "NotReadyError",
     "OdometryNoise",
     "OdometryReading",
+    "PacedEmulator",
     "PluginContext",
     "PluginError",
     "PluginSettingsModel",
@@ -119,6 +121,7 @@ __all__ = [
     "open_serial",
     "open_tcp",
     "request",
+    "serve_emulator",
     "setting",
     "slip_error",
     "wrapped_rad",

@@ -8,11 +8,11 @@ from contextlib import contextmanager
 from random import Random
 from typing import Any, Generic, Protocol, TypeVar
 
+from eal_actors.device.emulator_wires import TICK_S, WIRES
 from eal_actors.kernel.clock import REAL_TIME
-from eal_actors.testing.conformance.emulator_wires import TICK_S, WIRES
 from plugins.evbot2.emulator import evbot2, free_vehicle
-from plugins.evbot2.firmware import BaseEmulator, any_boot
-from plugins.evbot2.serving import FaultyWire
+from plugins.evbot2.firmware import any_boot
+from plugins.evbot2.serving import FaultyWire, ServedBase
 from plugins.evbot3.emulator import FreeTurretVehicle, evbot3
 from plugins.roomba.bodies import FreeRoombaBody
 from plugins.roomba.motes import MotePair
@@ -152,22 +152,6 @@ def plugged_in(robot: Emulated[B]) -> Iterator[Emulated[B]]:
         robot.close()
 
 
-class LossyDevice:
-    """A device behind a network that loses datagrams, both ways."""
-
-    def __init__(self, device: BaseEmulator, loss: float, seed: int) -> None:
-        random = Random(seed)  # noqa: S311
-        self._device = device
-        self.there, self.back = FaultyWire(random, loss), FaultyWire(random, loss)
-
-    def feed(self, data: bytes, now_s: float) -> bytes:
-        self._device.tick(now_s)
-        replies = (
-            [reply for piece in self.there.carry(data) for reply in self._device.replies(piece, now_s)] if data else []
-        )
-        return b"".join(arrived for reply in replies for arrived in self.back.carry(reply))
-
-
 def an_evbot2() -> Emulated[Any]:
     def make(now_s: Callable[[], float]) -> tuple[Emulator, Any]:
         body = free_vehicle(now_s)
@@ -178,8 +162,9 @@ def an_evbot2() -> Emulated[Any]:
 
 def an_evbot3(loss: float = 0.0, seed: int = 0, rate: float = 1.0) -> Emulated[FreeTurretVehicle]:
     def make(now_s: Callable[[], float]) -> tuple[Emulator, FreeTurretVehicle]:
-        body = FreeTurretVehicle(now_s)
-        return LossyDevice(evbot3(body, TICK_S, any_boot()), loss, seed), body
+        body, random = FreeTurretVehicle(now_s), Random(seed)  # noqa: S311
+        there, back = FaultyWire(random, loss), FaultyWire(random, loss)
+        return ServedBase(evbot3(body, TICK_S, any_boot()), now_s, there, back), body
 
     return Emulated("udp", make, rate)
 

@@ -36,20 +36,10 @@ def _make_package(name: str, path: list[str]) -> None:
 
 def _serve(module: str, kind: str, settings: str) -> None:
     """Serve a module's emulator on a wire until SIGTERM, or until it fails."""
-    from eal_actors.kernel.clock import REAL_TIME
-    from eal_actors.testing.conformance.emulator_wires import WIRES
+    from eal_actors.device.serving_emulators import serve_emulator
 
     emulate = importlib.import_module(module).emulate
-    wire = WIRES[kind](lambda: emulate(json.loads(settings), REAL_TIME.now))
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit())
-    wire.plug_in()
-    sys.stdout.write(f"{wire.address}\n")
-    sys.stdout.flush()
-    try:
-        wire.join()
-        sys.exit(1)  # it has failed, and its thread has printed why
-    finally:
-        wire.close()
+    serve_emulator(kind, lambda now_s: (emulate(json.loads(settings), now_s), None))
 
 
 def main() -> None:

@@ -19,6 +19,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from eal_actors.cli.emulators import LabDevice, LabPose, devices_of, load_marked
+from eal_actors.device.emulator_wires import WIRES, DeviceEmulator, EmulatorWire
 from eal_actors.device.plugin_context import FleetServices, PluginContext
 from eal_actors.facade.robot_starter import RobotStarter
 from eal_actors.kernel.clock import REAL_TIME
@@ -26,7 +27,6 @@ from eal_actors.kernel.errors import PluginError
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.manifest import discover
 from eal_actors.managers.plugins import import_plugin
-from eal_actors.testing.conformance.emulator_wires import WIRES, DeviceEmulator, EmulatorWire
 
 
 def main(fleet: Path) -> None:

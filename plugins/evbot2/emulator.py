@@ -10,17 +10,16 @@ It prints the port for the plugin, runs until Ctrl-C or SIGTERM, and then prints
 from __future__ import annotations
 
 import argparse
-import asyncio
 from collections.abc import Callable, Mapping
 from random import Random
 from typing import Any, Final
 
-from eal_actors.plugin import BytePort, PluginContext
+from eal_actors.plugin import BytePort, PacedEmulator, PluginContext, serve_emulator
 
 from .firmware import BaseEmulator, Firmware, any_boot
 from .messages import OrderChannel
 from .protocol import BAUD_RATE, MODEL, BaseLineCodec
-from .serving import TICK_S, DeviceTime, EmulatorServer, FaultyWire, on_pty, run
+from .serving import TICK_S, DeviceTime, FaultyWire, ServedBase
 from .vehicle import FreeVehicle, Vehicle
 from .wheels import WheelController, WheelModel
 
@@ -67,17 +66,17 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--pace", action="store_true", help=f"delay bytes as a line of {BAUD_RATE} baud does")
     parser.add_argument("--loss", type=share, default=0.0, help="share of the lines that are lost, in each direction")
     parser.add_argument("--seed", type=int, default=0, help="seed of the losses")
-    asyncio.run(_serve(parser.parse_args(arguments)))
-
-
-async def _serve(options: argparse.Namespace) -> None:
+    options = parser.parse_args(arguments)
     random = Random(options.seed)  # noqa: S311  # not for security
-    now_s = DeviceTime(asyncio.get_running_loop().time)
-    vehicle = free_vehicle(now_s)
     there, back = (FaultyWire(random, options.loss) for _ in range(2))
-    base, baud_rate = evbot2(vehicle, TICK_S, any_boot()), BAUD_RATE if options.pace else None
-    server = EmulatorServer(base, there, back, now_s, baud_rate)
-    await run(on_pty(server), vehicle)
+
+    def make(real_s: Callable[[], float]) -> tuple[PacedEmulator, FreeVehicle]:
+        now_s = DeviceTime(real_s)
+        vehicle = free_vehicle(now_s)
+        served = ServedBase(evbot2(vehicle, TICK_S, any_boot()), now_s, there, back)
+        return PacedEmulator(served, BAUD_RATE if options.pace else None), vehicle
+
+    serve_emulator("pty", make, tick_s=TICK_S)
 
 
 def share(text: str) -> float:

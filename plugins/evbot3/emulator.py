@@ -11,7 +11,6 @@ It prints the address for the fleet file, runs until Ctrl-C or SIGTERM, and then
 from __future__ import annotations
 
 import argparse
-import asyncio
 import math
 from collections.abc import Callable, Mapping
 from random import Random
@@ -19,12 +18,12 @@ from typing import Any, Final
 
 from typing_extensions import override
 
-from eal_actors.plugin import BytePort, PluginContext, PluginError
+from eal_actors.plugin import BytePort, PluginContext, PluginError, serve_emulator
 
 from ..evbot2.emulator import share
 from ..evbot2.firmware import BaseEmulator, Firmware, any_boot
 from ..evbot2.messages import OrderChannel
-from ..evbot2.serving import TICK_S, Address, DeviceTime, EmulatorServer, FaultyWire, on_tcp, on_udp, run
+from ..evbot2.serving import TICK_S, DeviceTime, FaultyWire, ServedBase
 from ..evbot2.vehicle import FreeVehicle
 from ..evbot2.wheels import Actuator, WheelController, WheelModel
 from ..roomba.bodies import ConstantBattery
@@ -141,20 +140,19 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     if options.tcp and (options.loss or options.duplicate or options.reorder):
         parser.error("--loss, --duplicate and --reorder need --udp: a TCP connection does not lose data")
-    asyncio.run(_serve(options))
-
-
-async def _serve(options: argparse.Namespace) -> None:
     random = Random(options.seed)  # noqa: S311  # not for security
-    now_s = DeviceTime(asyncio.get_running_loop().time)
-    vehicle = FreeTurretVehicle(now_s)
     there, back = (FaultyWire(random, options.loss, options.duplicate, options.reorder) for _ in range(2))
-    server = EmulatorServer(evbot3(vehicle, TICK_S, any_boot()), there, back, now_s)
-    served, scheme = (on_udp(server, options.udp), "udp") if options.udp else (on_tcp(server, options.tcp), "tcp")
-    await run(served, vehicle, f"{scheme}://")
+
+    def make(real_s: Callable[[], float]) -> tuple[ServedBase, FreeTurretVehicle]:
+        now_s = DeviceTime(real_s)
+        vehicle = FreeTurretVehicle(now_s)
+        return ServedBase(evbot3(vehicle, TICK_S, any_boot()), now_s, there, back), vehicle
+
+    wire = "udp" if options.udp else "tcp"
+    serve_emulator(wire, make, at=options.udp or options.tcp, scheme=f"{wire}://", tick_s=TICK_S)
 
 
-def _address(text: str) -> Address:
+def _address(text: str) -> tuple[str, int]:
     host, _, port = text.rpartition(":")
     if not host or not port.isdecimal() or int(port) > 65535:
         raise argparse.ArgumentTypeError(f"{text} is not host:port")

@@ -9,13 +9,13 @@ prints its pose.
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from typing import Any, Final
 
-from eal_actors.plugin import BytePort, PluginContext
+from eal_actors.plugin import BytePort, PacedEmulator, PluginContext, serve_emulator
 
-from . import oi, sci, serving
+from . import oi, sci
 from .bodies import FreeRoombaBody, OtherWheelbase, RoombaBody
 from .emulated_roomba import EmulatedRoomba
 from .motes import ByteEmulator, MotePair
@@ -28,6 +28,8 @@ SIMULATED_WHEELBASE_M: Final = sci.WHEELBASE_M
 """The simulated Roomba is a 4xx, with either protocol."""
 _BAUD_RATE: Final = {"sci": sci.BAUD_RATE, "oi": oi.BAUD_RATE}
 _MOTE_BAUD_RATE: Final = 115200
+_TICK_S: Final = 0.001
+"""Interval of paced bytes, and of output that nobody asked for."""
 _NOT_OF_PACKETS: Final = ("baudrate", "tries")
 
 
@@ -81,7 +83,11 @@ def _free_roomba(protocol: str, now_s: Callable[[], float]) -> tuple[EmulatedRoo
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run an emulator until it is interrupted."""
-    parser = serving.parser("plugins.roomba.emulator", "A Roomba on an endless floor.")
+    parser = argparse.ArgumentParser(
+        prog="python -m plugins.roomba.emulator", description="A Roomba on an endless floor."
+    )
+    parser.add_argument("--pty", action="store_true", required=True, help="serve a pseudo-terminal, and print its path")
+    parser.add_argument("--pace", action="store_true", help="delay bytes by the baud rate of the line")
     parser.add_argument("--protocol", choices=sorted(_BAUD_RATE), required=True, help="oi: a Create 2; sci: a 4xx")
     parser.add_argument("--mote", action="store_true", help="behind a pair of motes")
     parser.add_argument("--loss", type=float, default=0.0, help="share of the radio packets that are lost, 0..1")
@@ -89,15 +95,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, default=0, help="of the losses")
     wanted = parser.parse_args(arguments)
 
-    def make(now_s: Callable[[], float]) -> tuple[ByteEmulator, FreeRoombaBody]:
-        roomba, body = _free_roomba(wanted.protocol, now_s)
-        if not wanted.mote:
-            return roomba, body
-        motes = partial(MotePair, loss=wanted.loss, radio_tries=wanted.radio_tries, seed=wanted.seed)
-        return motes(roomba, TinyosFraming()), body
+    def make(now_s: Callable[[], float]) -> tuple[PacedEmulator, FreeRoombaBody]:
+        served: ByteEmulator
+        served, body = _free_roomba(wanted.protocol, now_s)
+        baud_rate = _BAUD_RATE[wanted.protocol]
+        if wanted.mote:
+            faults = {"loss": wanted.loss, "radio_tries": wanted.radio_tries, "seed": wanted.seed}
+            served, baud_rate = MotePair(served, TinyosFraming(), **faults), _MOTE_BAUD_RATE
+        return PacedEmulator(served, baud_rate if wanted.pace else None), body
 
-    baud_rate = _MOTE_BAUD_RATE if wanted.mote else _BAUD_RATE[wanted.protocol]
-    serving.run(make, baud_rate if wanted.pace else None)
+    serve_emulator("pty", make, tick_s=_TICK_S)
 
 
 if __name__ == "__main__":

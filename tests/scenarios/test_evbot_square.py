@@ -14,8 +14,7 @@ from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import run_scenario
 from eal_actors.testing import Simulation
 from tests.patience import LONG_S, patient_scenario
-from tests.unit.plugins.evbot2.wires import evbot2_on_a_pty
-from tests.unit.plugins.evbot3.wires import evbot3_on
+from tests.unit.plugins.evbot2.wires import evbot2_on_a_pty, evbot3_on
 
 SQUARE = Path(__file__).parents[2] / "scenarios/square.yaml"
 PORTS = {"evbot2": {"port": "sim://world/body"}, "evbot3": {"address": "sim://world/body"}}

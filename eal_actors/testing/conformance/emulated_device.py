@@ -12,11 +12,11 @@ import importlib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from eal_actors.device.emulator_wires import WIRES, EmulatorWire
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import PluginError, error_text
 from eal_actors.managers.manifest import EmulatorSection, PluginManifest
 from eal_actors.managers.plugins import import_plugin
-from eal_actors.testing.conformance.emulator_wires import WIRES, EmulatorWire
 
 
 class EmulatedDevice:

@@ -8,8 +8,8 @@ from typing import Final
 
 import pytest
 
+from eal_actors.device.emulator_wires import UdpWire
 from eal_actors.testing.conformance import CHECKS, Bench, CheckResult, run_check, settings_of
-from eal_actors.testing.conformance.emulator_wires import UdpWire
 
 WIRING: Final = (
     "starts",

@@ -15,7 +15,7 @@ from eal_actors.plugin import UdpPort
 from eal_actors.testing.conformance import CHECKS, Bench, Check, run_check, settings_of
 from tests.emulated import PATIENT
 from tests.unit.plugins.evbot2.test_plugin import wait_until_ready
-from tests.unit.plugins.evbot3.wires import evbot3_on
+from tests.unit.plugins.evbot2.wires import evbot3_on
 
 FOLDER = bundled_path("plugins/evbot3")
 ROOT = Path(__file__).parents[4]

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from eal_actors.device.emulator_wires import TcpWire
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import PluginError
@@ -14,7 +15,6 @@ from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.plugins import EALPluginManager
 from eal_actors.plugin import FleetServices, PluginContext
 from eal_actors.testing.conformance import Bench, settings_of
-from eal_actors.testing.conformance.emulator_wires import TcpWire
 from plugins.roomba import emulator, plugin
 from plugins.roomba.motes import ByteEmulator
 from plugins.roomba.sci import Mode

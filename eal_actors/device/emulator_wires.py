@@ -20,6 +20,8 @@ from eal_actors.kernel.posix import pty, tty
 
 TICK_S: Final = 0.01
 """Real seconds between calls of an emulator without input, which let it send by itself."""
+LOCAL: Final = ("127.0.0.1", 0)
+"""Any port of this machine, for this machine alone."""
 _MOST_BYTES: Final = 4096
 _MOST_UNSENT: Final = 1 << 20  # a client that does not read loses what comes then
 _DRAIN_S: Final = 5.0  # limit for an emulator whose input never pauses
@@ -49,8 +51,9 @@ class EmulatorWire(ABC):
     address: str
     _selector: selectors.BaseSelector
 
-    def __init__(self, make: Callable[[], DeviceEmulator]) -> None:
+    def __init__(self, make: Callable[[], DeviceEmulator], tick_s: float) -> None:
         self._make = make
+        self._tick_s = tick_s
         self._thread: threading.Thread | None = None
         self._stop_reader, self._stop_writer = socket.socketpair()
         self._is_drained = threading.Event()
@@ -110,7 +113,7 @@ class EmulatorWire(ABC):
             self._selector.register(self._stop_reader, selectors.EVENT_READ)
             self._watch()
             while True:
-                ready = {key.fd for key, _ in self._selector.select(TICK_S)}
+                ready = {key.fd for key, _ in self._selector.select(self._tick_s)}
                 if self._stop_reader.fileno() in ready:
                     return
                 self._exchange(ready)
@@ -124,8 +127,13 @@ class EmulatorWire(ABC):
 class PtyWire(EmulatorWire):
     """A pseudo-terminal under a path of its own: a serial port."""
 
-    def __init__(self, make: Callable[[], DeviceEmulator]) -> None:
-        super().__init__(make)
+    def __init__(
+        self,
+        make: Callable[[], DeviceEmulator],
+        tick_s: float = TICK_S,
+        at: tuple[str, int] = LOCAL,  # noqa: ARG002  # a path needs none
+    ) -> None:
+        super().__init__(make, tick_s)
         self._folder = tempfile.TemporaryDirectory(prefix="eal-")
         self._path = Path(self._folder.name) / "tty"
         self.address = str(self._path)
@@ -158,19 +166,19 @@ class PtyWire(EmulatorWire):
 
 
 class TcpWire(EmulatorWire):
-    """A TCP server on this machine; only its last client is connected."""
+    """A TCP server; only its last client is connected."""
 
-    def __init__(self, make: Callable[[], DeviceEmulator]) -> None:
-        super().__init__(make)
-        with socket.create_server(("127.0.0.1", 0)) as probe:
-            self._port = int(probe.getsockname()[1])
-        self.address = f"127.0.0.1:{self._port}"
+    def __init__(self, make: Callable[[], DeviceEmulator], tick_s: float = TICK_S, at: tuple[str, int] = LOCAL) -> None:
+        super().__init__(make, tick_s)
+        with socket.create_server(at) as probe:
+            self._at = at[0], int(probe.getsockname()[1])
+        self.address = f"{self._at[0]}:{self._at[1]}"
         self._listener: socket.socket
         self._peer: socket.socket | None = None
         self._unsent = bytearray()
 
     def _begin(self) -> None:
-        self._listener = socket.create_server(("127.0.0.1", self._port))
+        self._listener = socket.create_server(self._at)
 
     def _end(self) -> None:
         self._listener.close()
@@ -213,20 +221,20 @@ class TcpWire(EmulatorWire):
 
 
 class UdpWire(EmulatorWire):
-    """A UDP socket on this machine, which answers the last sender."""
+    """A UDP socket, which answers the last sender."""
 
-    def __init__(self, make: Callable[[], DeviceEmulator]) -> None:
-        super().__init__(make)
+    def __init__(self, make: Callable[[], DeviceEmulator], tick_s: float = TICK_S, at: tuple[str, int] = LOCAL) -> None:
+        super().__init__(make, tick_s)
         with socket.socket(type=socket.SOCK_DGRAM) as probe:
-            probe.bind(("127.0.0.1", 0))
-            self._port = int(probe.getsockname()[1])
-        self.address = f"127.0.0.1:{self._port}"
+            probe.bind(at)
+            self._at = at[0], int(probe.getsockname()[1])
+        self.address = f"{self._at[0]}:{self._at[1]}"
         self._socket: socket.socket
         self._peer: tuple[str, int] | None = None
 
     def _begin(self) -> None:
         self._socket = socket.socket(type=socket.SOCK_DGRAM)
-        self._socket.bind(("127.0.0.1", self._port))
+        self._socket.bind(self._at)
         self._socket.setblocking(False)
         self._peer = None
 
@@ -246,7 +254,7 @@ class UdpWire(EmulatorWire):
                 self._socket.sendto(reply, self._peer)
 
 
-WIRES: Final[dict[str, Callable[[Callable[[], DeviceEmulator]], EmulatorWire]]] = {
+WIRES: Final[dict[str, type[PtyWire | TcpWire | UdpWire]]] = {
     "pty": PtyWire,
     "tcp": TcpWire,
     "udp": UdpWire,

@@ -1,10 +1,10 @@
-"""plugins/roomba: emulators as programs let bytes go at the pace of their line."""
+"""Emulators as programs let bytes go at the pace of their line."""
 
 from __future__ import annotations
 
 import pytest
 
-from plugins.roomba.serving import LinePace, PacedLine
+from eal_actors.device.serving_emulators import LinePace, PacedEmulator
 
 
 def test_26_bytes_take_4_and_a_half_milliseconds_at_57600_baud() -> None:
@@ -38,11 +38,11 @@ def test_question_and_answer_both_take_their_time(baud_rate: int | None, after_s
         def feed(self, data: bytes, now_s: float) -> bytes:
             return data
 
-    serving = PacedLine(Echo(), baud_rate)
-    said = serving.exchange(b"a", 0.0)
+    serving = PacedEmulator(Echo(), baud_rate)
+    said = serving.feed(b"a", 0.0)
     for tick in range(1, 30):
         if said:
             break
-        said = serving.exchange(b"", tick / 10)
+        said = serving.feed(b"", tick / 10)
         assert not said or tick / 10 == pytest.approx(after_s)
     assert said == b"a"
