@@ -1,4 +1,4 @@
-"""What lies between a base and a program that serves it: wires that lose messages, and the device's own time."""
+"""Wires that lose messages, and the own time of a device, for an emulated base that a program serves."""
 
 from __future__ import annotations
 
