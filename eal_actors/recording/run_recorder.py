@@ -111,6 +111,7 @@ class RunRecorder:
         self._directory = directory
         self._table: TrajectoryTable | None = TrajectoryTable(directory / TRAJECTORY)
         self._newest_s: dict[str, float] = {}
+        self._faulty: set[str] = set()  # topics of images that could not be encoded
         self._specs = tuple(self._specs_of(extent))
         self._past = past
         from_s = -math.inf if past is None else past.start_s + past.until_s - POSE_PERIOD_S / 2
@@ -222,7 +223,9 @@ class RunRecorder:
         try:
             schema, message = message_of(resource, data, time_s, self._angles.get(topic))
         except EALError as error:
-            get_logger().warning("an image is not recorded", reason=error.message)
+            if topic not in self._faulty:  # else a camera of empty images fills the log
+                self._faulty.add(topic)
+                get_logger().warning("an image is not recorded", topic=topic, reason=error.message)
             return
         self._guarded(lambda file: file.write(topic, schema, time_s, message))
 

@@ -13,6 +13,7 @@ from eal_actors.actors.handles import ResourceHandle
 from eal_actors.actors.many import read_many
 from eal_actors.device.data import EALData
 from eal_actors.kernel.clock import Clock, new_waiter
+from eal_actors.kernel.log import get_logger
 
 _ANSWER_S: Final = 1.0
 """Deadline of an answer in seconds of the fleet's clock, if the period is shorter."""
@@ -38,7 +39,8 @@ class Sampler:
     Args:
         clock: the fleet's clock.
         specs: what to sample.
-        sink: receives each value. Thread: the sampler's own.
+        sink: receives each value, with a time that is not in the future. If it raises, the resource is no longer
+            sampled. Thread: the sampler's own.
         from_s: nothing is sampled before this time of the clock; the times of the samples are the same.
     """
 
@@ -104,7 +106,20 @@ class Sampler:
                 continue
             sampled.answer = None
             if answer.exception() is None:
-                sampled.is_wanted = self._sink(sampled.resource, answer.get())
+                self._pass_on(sampled, answer.get())
+
+    def _pass_on(self, sampled: _SampledResource, data: EALData) -> None:
+        """Pass a value to the sink. One robot's strange values must not end the sampling of others."""
+        now_s = self._clock.now()
+        if data.stamp_s is not None and data.stamp_s > now_s:  # the robot's clock is ahead, or it lies
+            data = data.with_meta(stamp_s=now_s)
+        try:
+            sampled.is_wanted = self._sink(sampled.resource, data)
+        except Exception:  # noqa: BLE001  # whatever a value from the network makes a sink raise
+            sampled.is_wanted = False
+            get_logger(robot=sampled.resource.robot).exception(
+                "its values are no longer sampled", resource=sampled.resource.name
+            )
 
 
 class _SampledResource:

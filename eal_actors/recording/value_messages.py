@@ -9,7 +9,7 @@ from eal_actors.actors.handles import ResourceHandle
 from eal_actors.device.data import EALData
 from eal_actors.device.info import ResourceInfo
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.errors import EALError
+from eal_actors.kernel.errors import EALError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.recording import messages, schemas
 from eal_actors.recording.messages import Message
@@ -77,8 +77,8 @@ def scanner_angles(infos: Infos, specs: Iterable[SampleSpec]) -> dict[str, list[
     for topic, answer in asked.items():
         try:
             found[topic] = [float(angle_rad) for angle_rad in answer.get().value]
-        except EALError as error:
-            get_logger().warning("the angles of a scanner are unknown", topic=topic, reason=error.message)
+        except (EALError, TypeError, ValueError) as error:  # the robot may send anything
+            get_logger().warning("the angles of a scanner are unknown", topic=topic, reason=error_text(error))
     return found
 
 
@@ -93,6 +93,6 @@ def hull_radii_m(fleet: Fleet, infos: Infos) -> dict[str, float]:
     for robot, answer in asked.items():
         try:
             radii_m[robot] = float(answer.get().value)
-        except EALError as error:
-            get_logger(robot=robot).debug("the robot's radius is unknown", reason=error.message)
+        except (EALError, TypeError, ValueError) as error:
+            get_logger(robot=robot).debug("the robot's radius is unknown", reason=error_text(error))
     return radii_m
