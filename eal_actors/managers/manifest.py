@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import importlib.metadata
 import importlib.util
+import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -283,7 +284,7 @@ def _plugin_folders(plugin_dirs: Iterable[Path], errors: list[EALError]) -> Iter
             yield from sorted(manifest.parent for manifest in directory.glob(f"*/{MANIFEST}"))
         else:
             errors.append(PluginError(f"there is no folder of plugins at {directory}"))
-    for entry in sorted(importlib.metadata.entry_points(group=ENTRY_POINTS), key=lambda entry: entry.name):
+    for entry in _entry_points(tuple(sys.path)):
         spec = importlib.util.find_spec(entry.module.partition(".")[0])
         root = Path(spec.origin).parent if spec is not None and spec.origin is not None else None
         folder = root.joinpath(*entry.module.split(".")[1:]) if root is not None else None
@@ -291,6 +292,13 @@ def _plugin_folders(plugin_dirs: Iterable[Path], errors: list[EALError]) -> Iter
             yield folder
         else:
             errors.append(PluginError(f"entry point {entry.name!r} names {entry.value!r}, which holds no {MANIFEST}"))
+
+
+@cache
+def _entry_points(_path: tuple[str, ...]) -> tuple[importlib.metadata.EntryPoint, ...]:
+    """Return the plugins of installed packages; reading those of all packages takes 30 ms, a third of a short run."""
+    found = importlib.metadata.entry_points(group=ENTRY_POINTS)
+    return tuple(sorted(found, key=lambda entry: entry.name))
 
 
 def simulating_plugin(plugin_dirs: Iterable[Path] = ()) -> PluginManifest:

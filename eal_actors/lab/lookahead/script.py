@@ -113,7 +113,7 @@ def rehearse_scripts(scenario: Scenario, fleet: SimulatedFleet, binding: Wishes 
     opened.services.solid_robots = False  # a contact would end motions that the real robots may complete
     with TemporaryDirectory(prefix="eal-lookahead-") as folder, opened:
         plan = make_plan(scenario, opened, binding=binding)
-        run = Run(plan, opened, Path(folder) / "run", [hear])
+        run = Run(plan, opened, Path(folder) / "run", [hear], keeps_files=False)
         with PoseRecorder(opened, plan.robots) as recorder:
             timer = Timer(_PATIENCE_S, stop)
             timer.start()

@@ -4,29 +4,24 @@ from __future__ import annotations
 
 import json
 import math
-import threading
 from collections.abc import Mapping
-from hashlib import sha256
 from pathlib import Path
 from typing import Any, Final
 
 from eal_actors.kernel.errors import ArgumentError, ScenarioError
-from eal_actors.lab.panorama.folder import PANORAMA, CameraFrames, describe, read_frames, save_panorama
-from eal_actors.lab.panorama.stitching import Panorama, stitch
+from eal_actors.lab.panorama.folder import PANORAMA, describe, read_frames, save_panorama
+from eal_actors.lab.panorama.stitching import check_frames, stitch
 from eal_actors.scenario.steps.python import StepContext
 
 _REPORT: Final = "panorama.json"
-_MOST_KNOWN: Final = 8
-_known: Final[dict[bytes, Panorama]] = {}
-_lock: Final = threading.Lock()
-"""The latest panoramas by their frames: a proof repeats a run with few changes, and stitching is most of its work."""
 
 
 def stitch_run(context: StepContext, field_of_view_deg: float = 60.0, step_deg: float | None = None) -> dict[str, Any]:
     """Stitch the pictures of each robot of a run into `panorama.png`, with a report in `panorama.json`.
 
     Args:
-        context: of the step. Robots without pictures are skipped.
+        context: of the step. Robots without pictures are skipped. If the run's files are thrown away, the frames are
+            only checked: whether they can be read, and overlap.
         field_of_view_deg: angle between the left and right edges of a frame.
         step_deg: turn to the right from each frame to the next; default: from the files beside the frames.
 
@@ -40,6 +35,7 @@ def stitch_run(context: StepContext, field_of_view_deg: float = 60.0, step_deg: 
     """
     if context.directory is None:
         raise ScenarioError("there are no frames to stitch: the run keeps no files")
+    perform = _stitch_folder if context.keeps_files else _check_folder
     reports: dict[str, Any] = {}
     problems: list[str] = []
     for name in sorted(context.robots):
@@ -48,7 +44,7 @@ def stitch_run(context: StepContext, field_of_view_deg: float = 60.0, step_deg: 
         folder = context.directory / name
         if folder.is_dir() and any(folder.glob("*.png")):
             try:
-                reports[name] = _stitch_folder(folder, field_of_view_deg, step_deg)
+                reports[name] = perform(folder, field_of_view_deg, step_deg)
             except (ArgumentError, ValueError) as error:  # ConfigError is a ValueError
                 problems.append(f"{name}: {error}")
             else:
@@ -65,29 +61,18 @@ def stitch_run(context: StepContext, field_of_view_deg: float = 60.0, step_deg: 
 
 def _stitch_folder(folder: Path, field_of_view_deg: float, step_deg: float | None) -> dict[str, Any]:
     frames = read_frames(folder, None if step_deg is None else math.radians(step_deg))
-    panorama = panorama_of(frames, math.radians(field_of_view_deg))
+    panorama = stitch(frames.images, frames.yaws_rad, math.radians(field_of_view_deg), names=frames.names)
     save_panorama(panorama, folder / PANORAMA)
     report = describe(panorama, frames)
     (folder / _REPORT).write_text(json.dumps(report, indent=2), encoding="utf-8")
     return report
 
 
-def panorama_of(frames: CameraFrames, field_of_view_rad: float) -> Panorama:
-    """Return the panorama of frames; if it is one of the latest, it is not computed again."""
-    digest = sha256(repr((frames.names, frames.yaws_rad, field_of_view_rad)).encode())
-    for image in frames.images:
-        digest.update(repr((image.shape, image.dtype)).encode())
-        digest.update(image.tobytes())
-    key = digest.digest()
-    with _lock:
-        panorama = _known.pop(key, None)
-    if panorama is None:
-        panorama = stitch(frames.images, frames.yaws_rad, field_of_view_rad, names=frames.names)
-    with _lock:
-        _known[key] = panorama  # the latest is the last
-        while len(_known) > _MOST_KNOWN:
-            del _known[next(iter(_known))]
-    return panorama
+def _check_folder(folder: Path, field_of_view_deg: float, step_deg: float | None) -> dict[str, Any]:
+    """Check the frames of a robot; return their part of the report."""
+    frames = read_frames(folder, None if step_deg is None else math.radians(step_deg))
+    _, odd = check_frames(frames.images, frames.yaws_rad, math.radians(field_of_view_deg), frames.names)
+    return {"frames": [{"file": name, "left_out": odd.get(number)} for number, name in enumerate(frames.names)]}
 
 
 def _left_out(report: Mapping[str, Any]) -> list[str]:

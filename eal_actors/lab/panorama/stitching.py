@@ -96,9 +96,7 @@ def stitch(
     Thread: any; it may take seconds.
     """
     names = names or [f"frame {number}" for number in range(len(frames))]
-    _validate(frames, yaws_rad, field_of_view_rad, names)
-    usable, odd = _equalise_sizes(frames, field_of_view_rad)
-    _check_steps({number: yaws_rad[number] for number in usable}, field_of_view_rad)
+    usable, odd = check_frames(frames, yaws_rad, field_of_view_rad, names)
     lens = CameraLens.of(next(iter(usable.values())), field_of_view_rad)
     placement = place_frames(usable, yaws_rad, lens, names)
     unplaced = dict(sorted({**odd, **placement.unplaced}.items()))
@@ -106,6 +104,19 @@ def stitch(
         reasons = "".join(f"\n  {names[number]} {reason}" for number, reason in unplaced.items())
         raise ArgumentError(f"no two of the {len(frames)} frames fit together:{reasons}")
     return _render(usable, placement, unplaced, len(frames))
+
+
+def check_frames(
+    frames: Sequence[NDArray[Any]], yaws_rad: Sequence[float], field_of_view_rad: float, names: Sequence[str]
+) -> tuple[dict[int, Image], dict[int, str]]:
+    """Check whether frames may be stitched; return those of equal size by number, and why others are left out.
+
+    Args and errors as for `stitch`.
+    """
+    _validate(frames, yaws_rad, field_of_view_rad, names)
+    usable, odd = _equalise_sizes(frames, field_of_view_rad)
+    _check_steps({number: yaws_rad[number] for number in usable}, field_of_view_rad)
+    return usable, odd
 
 
 def _validate(

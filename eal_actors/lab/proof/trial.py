@@ -151,14 +151,15 @@ class _Controller:
     def run(self, kill_at_s: float | None) -> Trial:
         """Perform the scenario, if need be in two halves."""
         clock = self._fleet.clock
-        run = Run(self._plan, self._fleet, self._directory)
+        run = Run(self._plan, self._fleet, self._directory, keeps_files=False)
         future = run.start()
         start_s = run.start_s
         if kill_at_s is not None and not ends_before(future, clock, kill_at_s - clock.now()):
             stop_run(run, future, clock)
             cut_record(self._directory, kill_at_s - start_s)
             try:
-                run = Run(self._plan, self._fleet, self._directory, resumption=read_run(self._directory))
+                past = read_run(self._directory)
+                run = Run(self._plan, self._fleet, self._directory, resumption=past, keeps_files=False)
             except ScenarioError as error:
                 return Trial(None, str(error).replace(f" in {self._directory}", ""), start_s)
             future = run.start()

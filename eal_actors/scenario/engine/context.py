@@ -75,6 +75,7 @@ class RunContext:
         threads: those of Python steps.
         zero_s: the start of the run, by the fleet's clock.
         past: the steps of an interrupted block that were over; None if no run was interrupted, or it is repeated.
+        keeps_files: whether the files outlive the run.
         open_parts: the scenarios under way as parts of others, with their contexts.
         budget: the work that expressions may do.
         emergency: the reason of an emergency stop that ended the run; None without one.
@@ -112,6 +113,7 @@ class RunContext:
         self.losses = self._watch(remote) if remote else None
         self.main = Frame(scenario, {role: role for role in scenario.file.roles}, scenario.parameters)
         self.past: PastSteps | None = None
+        self.keeps_files = True
         self.open_parts: list[ExecutionContext] = []
         self.slots: dict[str, list[RoleSlot]] = {}
         self.zero_s = 0.0

@@ -73,6 +73,8 @@ class Run:
         listeners: called with each event, in the run's own thread; they must not block.
         resumption: the state of an interrupted run to continue from, as `read_run` returned it; `directory` is its
             folder.
+        keeps_files: whether the files outlive the run. If not, pictures are not compressed, and Python steps may leave
+            out work whose only result is a file.
 
     Raises:
         ScenarioError: the scenario saves files, and there is no directory; or the run cannot be resumed.
@@ -85,6 +87,8 @@ class Run:
         directory: Path | None = None,
         listeners: Sequence[Listener] = (),
         resumption: Resumption | None = None,
+        *,
+        keeps_files: bool = True,
     ) -> None:
         self._plan = plan
         self._file = plan.scenario.file
@@ -103,7 +107,7 @@ class Run:
         self._loop = EventLoop(fleet.clock)
         self._robots = {name: Participant(fleet[name]) for name in plan.robots}
         self._run = RunContext(plan, self._robots, self._loop, fleet, directory, self._emit, self._fail)
-        self._run.past = past
+        self._run.past, self._run.keeps_files = past, keeps_files
         self._future = _RunFuture(self, fleet.clock)
         self._phase = _Phase.STEPS
         self._next_step = 0

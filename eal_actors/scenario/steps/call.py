@@ -341,7 +341,7 @@ class _CallAction(StepAction):
         run = self.run
         assert run.folder is not None  # noqa: S101  # the caller has checked it
         try:
-            note = save_answer(self.answer, run.folder / robot.name, name, run.now_s())
+            note = save_answer(self.answer, run.folder / robot.name, name, run.now_s(), is_kept=run.keeps_files)
         except OSError as error:
             raise ScenarioError(f"could not save {name!r}: {error}") from error
         if note is not None:

@@ -48,6 +48,8 @@ class StepContext:
         is_cancelled: returns whether the result is no longer needed: the deadline has passed, or the run was stopped.
             A long function must call it regularly, and return.
         log: sends a line of text to those who watch the run. Thread: the step's own; does not block.
+        keeps_files: false in a run whose files are thrown away, such as those of a proof: a function may leave out
+            work whose only result is a file.
     """
 
     robots: Mapping[str, RobotHandle]
@@ -58,6 +60,7 @@ class StepContext:
     seed: int
     is_cancelled: Callable[[], bool]
     log: Callable[[str], None]
+    keeps_files: bool = True
 
 
 class PythonStep(TimedStep):
@@ -144,6 +147,7 @@ def _step_context(action: StepAction, answer: Future[Any], variables: dict[str, 
         seed=run.seed,
         is_cancelled=answer.done,
         log=log,
+        keeps_files=run.keeps_files,
     )
 
 

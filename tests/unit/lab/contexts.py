@@ -17,6 +17,7 @@ def step_context(
     robot: str | None = None,
     log: Callable[[str], None] = lambda _: None,
     is_cancelled: bool = False,
+    keeps_files: bool = True,
 ) -> StepContext:
     """Return a context of a step outside of any run."""
-    return StepContext(robots or {}, robot, directory, ManualClock(), {}, 0, lambda: is_cancelled, log)
+    return StepContext(robots or {}, robot, directory, ManualClock(), {}, 0, lambda: is_cancelled, log, keeps_files)

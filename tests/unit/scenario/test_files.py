@@ -34,20 +34,25 @@ def test_an_answer_is_saved(tmp_path: Path, name: str, value: EALData, content: 
     assert (tmp_path / "robot" / "deep" / name).read_bytes() == content
 
 
-def test_an_image_is_a_png_with_its_colours(tmp_path: Path) -> None:
+def check_image(tmp_path: Path, *, is_kept: bool) -> None:
     from matplotlib.image import imread
 
-    assert save_answer(EALData.of(RED), tmp_path, "frame.0.png", 1.5) is None
+    assert save_answer(EALData.of(RED), tmp_path, "frame.0.png", 1.5, is_kept=is_kept) is None
 
     image = np.rint(imread(tmp_path / "frame.0.png")[..., :3] * 255).astype(np.uint8)
     assert np.array_equal(image, RED)
+
+
+@pytest.mark.parametrize("is_kept", [True, False])
+def test_an_image_is_a_png_with_its_colours(tmp_path: Path, is_kept: bool) -> None:
+    check_image(tmp_path, is_kept=is_kept)
 
 
 def test_matplotlib_serves_where_opencv_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "cv2", None)
     image_writer.cache_clear()
     try:
-        test_an_image_is_a_png_with_its_colours(tmp_path)
+        check_image(tmp_path, is_kept=True)
     finally:
         image_writer.cache_clear()
 

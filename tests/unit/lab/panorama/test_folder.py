@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -16,7 +15,7 @@ from typer.testing import CliRunner, Result
 from eal_actors.cli import app
 from eal_actors.kernel.errors import ConfigError, ScenarioError
 from eal_actors.lab.panorama.folder import read_frames
-from eal_actors.lab.panorama.step import panorama_of, stitch_run
+from eal_actors.lab.panorama.step import stitch_run
 from tests.unit.lab.contexts import step_context
 from tests.unit.lab.panorama.turning import Image, noisy, shots, steps
 
@@ -199,13 +198,18 @@ def test_the_step_stitches_what_each_robot_saved(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "rover" / "panorama.json").read_text()) == reports["rover"]
     assert load(tmp_path / "rover" / "panorama.png").shape[1] == reports["rover"]["width"]
 
-    frames = read_frames(tmp_path / "rover")
-    known = panorama_of(frames, math.radians(60))
-    assert panorama_of(read_frames(tmp_path / "rover"), math.radians(60)) is known
-    first = frames.images[0].copy()
-    first[0, 0, 0] ^= 1
-    other = dataclasses.replace(frames, images=(first, *frames.images[1:]))
-    assert panorama_of(other, math.radians(60)) is not known
+
+def test_frames_that_nobody_keeps_are_checked_and_not_stitched(tmp_path: Path) -> None:
+    folder = save(tmp_path / "rover", shots(TRUE))
+    save_poses(folder, steps(3))
+    context = step_context(tmp_path, robots=ROBOTS, keeps_files=False)
+    assert [frame["file"] for frame in stitch_run(context)["rover"]["frames"]] == [f"frame.{n}.png" for n in range(3)]
+    assert not (folder / "panorama.png").exists()
+    with pytest.raises(ScenarioError, match=r"rover: the frames are about \d+ degrees apart"):
+        stitch_run(context, field_of_view_deg=30, step_deg=45)
+    (folder / "frame.1.png").write_bytes(b"")
+    with pytest.raises(ScenarioError, match=r"frame\.1\.png.*cannot be read as a picture"):
+        stitch_run(context)
 
 
 def test_the_step_fails_with_the_names_of_frames_that_it_left_out_and_keeps_the_rest(tmp_path: Path) -> None:
