@@ -30,13 +30,21 @@ steps:
 """
 
 
-def run(eal: Any, folder: Path, *options: str) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """Return the warnings and the summary of a run that fails."""
+AGAIN = SCENARIO.replace("timeout_s: 30\n", "timeout_s: 30\non_failure: skip\n").replace(
+    "cmd: f1.5}}]", "cmd: f1.5}}, {send_cmd: {resource: Base, cmd: f1.2}}]"
+)
+"""Its robots go on after a step that failed."""
+
+
+def run(
+    eal: Any, folder: Path, *options: str, scenario: str = SCENARIO, code: int = 1
+) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """Return the warnings and the summary of a run."""
     (folder / "fleet.yaml").write_text(FLEET)
-    (folder / "crash.yaml").write_text(SCENARIO)
+    (folder / "crash.yaml").write_text(scenario)
     words = ("--fleet", folder / "fleet.yaml", "--no-plot", "--runs-dir", folder / "runs", *options)
     result = eal("run", folder / "crash.yaml", *words)
-    assert result.exit_code == 1, result.output
+    assert result.exit_code == code, result.output
     (record,) = (folder / "runs").iterdir()
     events = [json.loads(line) for line in (record / "events.jsonl").read_text().splitlines()]
     warnings = [event for event in events if event["event"] == "log" and event["text"].startswith("look-ahead")]
@@ -52,6 +60,12 @@ def test_a_contact_is_foretold(eal: Any, tmp_path: Path) -> None:
 def test_held_robots_do_not_touch(eal: Any, tmp_path: Path) -> None:
     warnings, summary = run(eal, tmp_path, "--lookahead", "10", "--lookahead-hold")
     assert warnings[-1]["text"].endswith("halted: ann, bob")
+    assert summary["contacts"] == []
+
+
+def test_robots_that_go_on_are_held_again(eal: Any, tmp_path: Path) -> None:
+    warnings, summary = run(eal, tmp_path, "--lookahead", "10", "--lookahead-hold", scenario=AGAIN, code=0)
+    assert sum("halted" in warning["text"] for warning in warnings) >= 2
     assert summary["contacts"] == []
 
 

@@ -21,6 +21,10 @@ _APPROACH_M: Final = 0.01
 """Robots that stand side by side do not approach; a gap that shrinks by less is none of the plan's."""
 _YAW_M: Final = 0.3
 """A radian of turn counts as much as this distance when a motion's progress is sought."""
+_WHEEL_SHARE: Final = 0.03
+"""Errors of wheels and floor, as a share of the way ahead."""
+_LEAST_M: Final = 0.005
+"""The least standard deviation of a gap: outlines and clocks are not exact."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +39,7 @@ class PresentState:
         elapsed_s: seconds since that step started, or since it ended.
         is_running: that step has not ended.
         began_at: its pose when that step started, if it is known.
+        covariance: of the pose, (3, 3); None if it is not known.
     """
 
     pose: tuple[float, float, float]
@@ -44,6 +49,7 @@ class PresentState:
     elapsed_s: float = 0.0
     is_running: bool = False
     began_at: tuple[float, float, float] | None = None
+    covariance: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +62,7 @@ class ForeseenEvent:
         other: the other robot or thing; None for a battery.
         in_s: seconds from now.
         movers: the robots of the two that move until then.
+        likelihood: the probability of a touch, by the uncertainty of the poses, from 0 to 1.
     """
 
     kind: str
@@ -63,6 +70,7 @@ class ForeseenEvent:
     other: str | None
     in_s: float
     movers: tuple[str, ...]
+    likelihood: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,11 +192,15 @@ def _meetings(
     robots: Mapping[str, PresentState], poses: Mapping[str, Floats], margin_m: float
 ) -> Iterator[ForeseenEvent]:
     for one, other in combinations(robots, 2):
-        apart_m = np.hypot(*(poses[one][:, :2] - poses[other][:, :2]).T)
-        tick = _first_touch(apart_m - robots[one].radius_m - robots[other].radius_m, margin_m)
+        away_m = poses[one][:, :2] - poses[other][:, :2]
+        apart_m = np.hypot(*away_m.T)
+        gaps_m = apart_m - robots[one].radius_m - robots[other].radius_m
+        tick = _first_touch(gaps_m, margin_m)
         if tick is not None:
             movers = tuple(name for name in (one, other) if _moves(poses[name], tick))
-            yield ForeseenEvent("contact", one, other, tick * TICK_S, movers)
+            towards = away_m / np.maximum(apart_m, _APPROACH_M)[:, None]
+            variance = _variance(robots[one], poses[one], towards) + _variance(robots[other], poses[other], towards)
+            yield ForeseenEvent("contact", one, other, tick * TICK_S, movers, _likelihood(gaps_m, variance, tick))
 
 
 def _hits(
@@ -197,7 +209,8 @@ def _hits(
     for name, state in robots.items():
         for kind, other, gaps_m in _gaps_m(poses[name], state.radius_m, world):
             if (tick := _first_touch(gaps_m, margin_m)) is not None:
-                yield ForeseenEvent(kind, name, other, tick * TICK_S, (name,))
+                variance = _variance(state, poses[name], None)
+                yield ForeseenEvent(kind, name, other, tick * TICK_S, (name,), _likelihood(gaps_m, variance, tick))
 
 
 def _gaps_m(path: Floats, radius_m: float, world: WorldModel) -> Iterator[tuple[str, str, Floats]]:
@@ -223,6 +236,33 @@ def _to_rectangle_m(path: Floats, thing: BoxObstacle | Drop) -> Floats:
     outside = np.stack([np.abs(cos * x + sin * y), np.abs(cos * y - sin * x)]) - np.array(thing.size_m)[:, None] / 2
     distance_m: Floats = np.hypot(*np.maximum(outside, 0.0))
     return distance_m
+
+
+def _variance(robot: PresentState, path: Floats, towards: Floats | None) -> Floats:
+    """Return the variance of a path in m² along some directions, (n, 2), or the mean of all directions.
+
+    An error of the yaw grows to an error of the place with the way ahead, and so do the errors of the wheels.
+    """
+    if robot.covariance is None:
+        return np.zeros(len(path))
+    x, y = (path[:, :2] - path[0, :2]).T
+    slopes = np.zeros((len(path), 2, 3))
+    slopes[:, 0, 0] = slopes[:, 1, 1] = 1.0
+    slopes[:, 0, 2], slopes[:, 1, 2] = -y, x
+    spread = slopes @ robot.covariance @ slopes.transpose(0, 2, 1)
+    wheels = (_WHEEL_SHARE * np.hypot(x, y)) ** 2
+    if towards is None:
+        mean: Floats = np.trace(spread, axis1=1, axis2=2) / 2 + wheels
+        return mean
+    along: Floats = np.einsum("ni,nij,nj->n", towards, spread, towards) + wheels
+    return along
+
+
+def _likelihood(gaps_m: Floats, variance: Floats, tick: int) -> float:
+    """Return the probability that a gap closes at its narrowest until a second after its first touch."""
+    until = tick + round(1.0 / TICK_S)
+    deviations = gaps_m[:until] / np.sqrt(variance[:until] + _LEAST_M**2)
+    return (1.0 - math.erf(float(deviations.min()) / math.sqrt(2))) / 2
 
 
 def _first_touch(gaps_m: Floats, margin_m: float) -> int | None:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import TracebackType
 from typing import Any, Final, Self
+
+import numpy as np
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.many import read_many
@@ -21,8 +24,13 @@ from eal_actors.recording.value_messages import hull_radii_m, resource_infos
 from eal_actors.scenario import Run, RunEvent, StepEnded, StepStarted
 
 _POSE: Final = "Pose"
+_ESTIMATE: Final = "estimate"
 _BATTERY: Final = "Battery"
 _PERIOD_S: Final = 1.0
+_HELD_PERIOD_S: Final = 0.25
+_HELD_S: Final = 3.0
+"""After a hold looks come sooner for a while: a robot whose step failed may begin the next one at once, and near to
+the other one."""
 _ANSWER_S: Final = 0.5
 _HALT_S: Final = 2.0
 _DEFAULT_RADIUS_M: Final = 0.2
@@ -40,12 +48,14 @@ class LookaheadOptions:
         margin_m: outlines that come nearer than this are taken to touch.
         holds: halt the robots concerned before a contact, and before they leave the area.
         hold_s: a robot is halted if it would touch something within this time.
+        hold_likelihood: and if the probability of that is at least this.
     """
 
     horizon_s: float = 10.0
     margin_m: float = 0.02
     holds: bool = False
     hold_s: float = 3.0
+    hold_likelihood: float = 0.95
 
 
 @dataclass
@@ -70,6 +80,8 @@ class Lookahead:
         options: what to look for.
         on_look: called with the time of each look, by the fleet's clock, and all its findings. Thread: the
             look-ahead's own.
+        may_hold: asked with the time and the finding before robots are halted; false lets them go on. Thread: the
+            look-ahead's own.
 
     `hear` is a listener of the run. `attach` names the run whose record gets the findings.
     """
@@ -81,17 +93,21 @@ class Lookahead:
         scripts: Mapping[str, Script],
         options: LookaheadOptions | None = None,
         on_look: Callable[[float, Sequence[ForeseenEvent]], None] | None = None,
+        may_hold: Callable[[float, ForeseenEvent], bool] = lambda _time_s, _finding: True,
     ) -> None:
         self._fleet = fleet
         self._options = options or LookaheadOptions()
         self._on_look = on_look
+        self._may_hold = may_hold
         infos = resource_infos(fleet, robots)
         self._names = [name for name in infos if _POSE in infos[name]]
+        self._estimating = [
+            name for name in self._names if any(one.name == _ESTIMATE for one in infos[name][_POSE].requests)
+        ]
         self._powered = [name for name in self._names if _BATTERY in infos[name]]
         self._radii_m = hull_radii_m(fleet, infos)
         self._tracked = {name: _Tracked(scripts.get(name), since_s=fleet.clock.now()) for name in self._names}
         self._known: set[tuple[str, str, str | None]] = set()
-        self._held: set[tuple[str, str, str | None]] = set()
         self._run: Run | None = None
         self._lock = threading.Lock()
         self._stop = new_waiter()
@@ -136,17 +152,20 @@ class Lookahead:
     # The look-ahead's own thread.
 
     def _watch(self) -> None:
-        while not self._fleet.clock.wait(self._stop, _PERIOD_S):
+        clock, soon_until_s = self._fleet.clock, -math.inf
+        while not clock.wait(self._stop, _HELD_PERIOD_S if clock.now() < soon_until_s else _PERIOD_S):
             try:
-                self._look()
+                if self._look():
+                    soon_until_s = clock.now() + _HELD_S
             except EALError as error:
                 get_logger().warning("no look ahead", reason=str(error))
 
-    def _look(self) -> None:
-        poses = self._read(self._names, _POSE)
+    def _look(self) -> bool:
+        """Look ahead once; return whether robots were held."""
+        poses = self._read_poses()
         now_s = self._fleet.clock.now()
         with self._lock:
-            states = {name: self._state(name, pose, now_s) for name, pose in poses.items()}
+            states = {name: self._state(name, numbers, now_s) for name, numbers in poses.items()}
         options = self._options
         found = forecast(states, options.horizon_s, options.margin_m, self._fleet.config.world).findings
         findings = [*found, *self._empty_batteries(now_s)]
@@ -154,26 +173,21 @@ class Lookahead:
             self._on_look(now_s, findings)
         keys = {(finding.kind, finding.robot, finding.other) for finding in findings}
         self._known &= keys
-        self._held &= keys
-        for finding in findings:
-            self._report(finding)
+        held = [self._report(now_s, finding) for finding in findings]
+        return any(held)
 
-    def _read(self, names: list[str], resource: str) -> dict[str, tuple[float, ...]]:
-        """Return the values of a resource of each robot that answers in time."""
-        values = {}
-        handles = [self._fleet[name][resource] for name in names]
-        for name, answer in zip(names, read_many(handles, _ANSWER_S), strict=True):
-            try:
-                value = answer.get().value
-            except EALError:
-                continue
-            values[name] = tuple(map(float, value)) if resource == _POSE else (float(value),)
-        return values
+    def _read_poses(self) -> dict[str, list[float]]:
+        """Return x, y and yaw of each robot that answers in time, and the covariance by rows if it is estimated."""
+        handles = {name: self._fleet[name][_POSE] for name in self._names}
+        estimating = {name: handles[name].send_req(_ESTIMATE, timeout_s=_ANSWER_S) for name in self._estimating}
+        others = [name for name in self._names if name not in estimating]
+        read = read_many([handles[name] for name in others], _ANSWER_S)
+        return _answered({**estimating, **dict(zip(others, read, strict=True))})
 
-    def _state(self, name: str, pose: tuple[float, ...], now_s: float) -> PresentState:
+    def _state(self, name: str, numbers: Sequence[float], now_s: float) -> PresentState:
         tracked = self._tracked[name]
         began = tracked.began_at
-        x_m, y_m, yaw_rad = pose
+        x_m, y_m, yaw_rad, *rows = numbers
         state = PresentState(
             (x_m, y_m, yaw_rad),
             self._radii_m.get(name, _DEFAULT_RADIUS_M),
@@ -181,6 +195,7 @@ class Lookahead:
             tracked.index,
             now_s - tracked.since_s,
             tracked.is_running,
+            covariance=np.array(rows).reshape(3, 3) if rows else None,
         )
         if began is None or not began.done() or began.exception() is not None:
             return state
@@ -189,7 +204,8 @@ class Lookahead:
 
     def _empty_batteries(self, now_s: float) -> list[ForeseenEvent]:
         found = []
-        for name, (charge,) in self._read(self._powered, _BATTERY).items():
+        read = read_many([self._fleet[name][_BATTERY] for name in self._powered], _ANSWER_S)
+        for name, (charge,) in _answered(dict(zip(self._powered, read, strict=True))).items():
             charges = self._tracked[name].charges
             charges.append((now_s, charge))
             while len(charges) > 2 and now_s - charges[1][0] >= _SLOPE_S:
@@ -201,19 +217,23 @@ class Lookahead:
                 found.append(ForeseenEvent("battery", name, None, in_s, ()))
         return found
 
-    def _report(self, finding: ForeseenEvent) -> None:
+    def _report(self, now_s: float, finding: ForeseenEvent) -> bool:
         key = (finding.kind, finding.robot, finding.other)
-        is_near = finding.kind != "battery" and finding.in_s <= self._options.hold_s
-        holds = self._options.holds and is_near and key not in self._held
+        holds = self._holds(finding) and self._may_hold(now_s, finding)
         if key in self._known and not holds:
-            return
+            return False
         self._known.add(key)
         if holds:
-            self._held.add(key)
             for name in finding.movers:
                 self._halt(name)
         if self._run is not None:
             self._run.log(finding.robot, describe(finding, is_held=holds))
+        return holds
+
+    def _holds(self, finding: ForeseenEvent) -> bool:
+        options = self._options
+        is_near = bool(finding.movers) and finding.in_s <= options.hold_s
+        return options.holds and is_near and finding.likelihood >= options.hold_likelihood
 
     def _halt(self, name: str) -> None:
         for resource in self._fleet[name].values():
@@ -222,6 +242,18 @@ class Lookahead:
                     resource.halt(timeout_s=_HALT_S)
             except UnavailableError:  # it was never up, so it does not move
                 continue
+
+
+def _answered(asked: Mapping[str, Future[Any]]) -> dict[str, list[float]]:
+    """Return the numbers of the answers by robot, without those that failed or are late."""
+    found = {}
+    for name, answer in asked.items():
+        try:
+            value = answer.get().value
+        except EALError:
+            continue
+        found[name] = [float(number) for number in value] if np.ndim(value) else [float(value)]
+    return found
 
 
 def describe(finding: ForeseenEvent, *, is_held: bool) -> str:

@@ -52,3 +52,24 @@ def test_a_wait_lasts_until_the_slowest_robot_comes() -> None:
     together = forecast({"ann": replace(waits, elapsed_s=2.0), "bob": slow}, 2.0, 0.0).poses["ann"][-1, 0]
     assert alone == pytest.approx(0.4, abs=0.03)
     assert together == 0.0
+
+
+def certain(pose: tuple[float, float, float], std_m: float) -> PresentState:
+    return PresentState(pose, 0.1, covariance=np.diag([std_m**2, std_m**2, 0.0]))
+
+
+def test_a_touch_is_as_likely_as_the_poses_are_certain() -> None:
+    moves = running((0.0, 0.0, 0.0), straight())
+    for std_m, offset_m, likely in ((0.01, 0.1, (0.99, 1.0)), (0.2, 0.19, (0.5, 0.6)), (0.01, 0.215, (0.0, 0.5))):
+        robots = {"ann": replace(moves, covariance=np.zeros((3, 3))), "bob": certain((1.2, offset_m, 0.0), std_m)}
+        (finding,) = forecast(robots, 10.0, 0.02).findings
+        assert likely[0] <= finding.likelihood <= likely[1], (std_m, offset_m)
+
+
+def test_an_uncertain_direction_makes_a_far_touch_uncertain() -> None:
+    def likelihood(away_m: float) -> float:
+        ann = replace(running((0.0, 0.0, 0.0), straight()), covariance=np.diag([0.0, 0.0, 0.1**2]))
+        (finding,) = forecast({"ann": ann, "bob": PresentState((away_m, 0.1, 0.0), 0.1)}, 10.0, 0.0).findings
+        return finding.likelihood
+
+    assert likelihood(0.5) > 0.95 > likelihood(1.9)
