@@ -161,7 +161,7 @@ def calibrate_robots(
         raise typer.BadParameter("is missing: name the fleet file", param_hint="'--fleet' / '-f'")
     config = read_fleet(fleet, seed=seed, rate=MAX if fast else None)
     if write:
-        require_own(config)  # fails before a robot drives
+        require_own(config, "calibrate with that")  # fails before a robot drives
     names = robot or list(config.robots)
     console = stderr() if as_json else stdout()
     test = _SquareTest(side, runs, wheelbase, _read_measured(ends, names), console)

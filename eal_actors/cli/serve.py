@@ -20,8 +20,8 @@ from eal_actors.cli.output import print_line, stdout
 from eal_actors.cli.telemetry import MetricsPortOption, TraceOption, metrics_at, traces_to
 from eal_actors.facade.service import RobotService, serve_together
 from eal_actors.kernel.errors import EALError
+from eal_actors.lab.fleet_edits import write_identity
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.managers.network_model import new_identity
 
 
 def serve_robot(
@@ -30,6 +30,9 @@ def serve_robot(
     robot: Annotated[list[str], typer.Option("--robot", "-r", help="Name of a robot; repeatable.", show_default=False)],
     metrics_port: MetricsPortOption = None,
     trace: TraceOption = None,
+    new_identity: Annotated[
+        bool, typer.Option("--new-identity", help="Write an identity into the fleet file, if it has none.")
+    ] = False,
 ) -> None:
     """Run a robot in this process, and serve its resources at its address until Ctrl-C or SIGTERM.
 
@@ -41,6 +44,9 @@ def serve_robot(
     if metrics_port is not None and len(names) > 1:
         raise typer.BadParameter("needs one robot for each process", param_hint="'--metrics-port'")
     config = read_fleet(fleet, names)
+    if new_identity and config.network.identity is None:
+        write_identity(config)
+        config = read_fleet(fleet, names)
     with traces_to(trace, f"eal serve {' '.join(names)}", out), _served(config, names) as services:
         service = services[0]
         options = context.find_object(GlobalOptions) or GlobalOptions()
@@ -64,9 +70,9 @@ def _identity_line(config: FleetConfig) -> str:
         return f"fleet {config.name}, identity {config.network.identity}"
     if config.network.security is not None:
         return f"fleet {config.name}"
-    advice = f"network: {{identity: {new_identity()}}}"
     return (
-        f"fleet {config.name}, no identity: it obeys every fleet of this name; `{advice}` in the file tells them apart"
+        f"fleet {config.name}, no identity: it obeys every fleet of this name; `--new-identity` writes one into the "
+        "file, of which each controller needs a copy"
     )
 
 

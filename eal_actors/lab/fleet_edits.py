@@ -11,8 +11,8 @@ from typing import Any
 from eal_actors.kernel.bundled import is_installed
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.yaml_source import parse_yaml
-from eal_actors.kernel.yaml_tree import MarkedDict
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.managers.network_model import new_identity
 
 
 @contextmanager
@@ -34,13 +34,13 @@ def changed_files(texts: Mapping[Path, str]) -> Iterator[None]:
         raise
 
 
-def require_own(fleet: FleetConfig) -> None:
-    """Raise ConfigError if the fleet file is part of the installed framework."""
+def require_own(fleet: FleetConfig, change: str) -> None:
+    """Raise ConfigError if the fleet file is part of the installed framework; the error names the wanted change."""
     if is_installed(fleet.source):
         name = fleet.source.stem
         message = (
             "is part of the framework and is not changed: write your own fleet file "
-            f"with `include: [{name}]` below `version: 1`, and calibrate with that"
+            f"with `include: [{name}]` below `version: 1`, and {change}"
         )
         raise ConfigError([Problem(str(fleet.source), 0, 0, "", message)])
 
@@ -76,20 +76,58 @@ def with_include(text: str, name: str, include: str) -> str:
             end = line.find("]", mark.column - 1)
             lines[mark.line - 1] = f"{line[:end]}, {include}{line[end:]}" if end > 0 else line
         new = "".join(lines)
-    _require_only_included(root, new, name, include)
+    wanted: dict[str, Any] = {**root, "include": [*(root.get("include") or ()), include]}
+    _require_content(new, wanted, name, "include", f"add {include} to the end of its list")
     return new
 
 
-def _require_only_included(before: MarkedDict, new: str, name: str, include: str) -> None:
-    """Raise ConfigError unless a text has the former content and one include more."""
-    wanted: dict[str, Any] = {**before, "include": [*(before.get("include") or ()), include]}
+def with_identity(text: str, name: str, identity: str) -> str:
+    """Return a fleet file's text with an identity of its fleet, otherwise unchanged.
+
+    Args:
+        text: text of a valid fleet file without an identity.
+        name: name of the file in error messages.
+        identity: the identity.
+
+    Raises:
+        ConfigError: the layout of the file allows no automatic change.
+    """
+    root = parse_yaml(text, name).root
+    lines = f"{text}{'' if text.endswith(chr(10)) else chr(10)}".splitlines(keepends=True)
+    network = root.get("network")
+    if network is None:
+        lines.insert(root.value_marks["version"].line, f"network: {{identity: {identity}}}\n")
+    elif network:
+        mark = next(iter(network.key_marks.values()))
+        line = lines[mark.line - 1]
+        lead, rest = line[: mark.column - 1], line[mark.column - 1 :]
+        lines[mark.line - 1] = f"{lead}identity: {identity}{', ' if lead.strip() else chr(10) + lead}{rest}"
+    new = "".join(lines)
+    wanted = {**root, "network": {**(network or {}), "identity": identity}}
+    _require_content(new, wanted, name, "network", f"add `identity: {identity}`")
+    return new
+
+
+def write_identity(fleet: FleetConfig) -> None:
+    """Write a new identity into the file of a fleet without one.
+
+    Raises:
+        ConfigError: the file is part of the framework, its layout allows no automatic change, or it cannot be written.
+    """
+    require_own(fleet, "use that")
+    text = with_identity(read_text(fleet.source) or "", str(fleet.source), new_identity())
+    with changed_files({fleet.source: text}):
+        pass
+
+
+def _require_content(text: str, wanted: Mapping[str, Any], name: str, key: str, advice: str) -> None:
+    """Raise ConfigError unless a text has this content."""
     try:
-        is_so = parse_yaml(new, name).root == wanted
+        is_so = parse_yaml(text, name).root == wanted
     except ConfigError:
         is_so = False
     if not is_so:
-        message = f"cannot be changed automatically: add {include} to the end of its list, then try again"
-        raise ConfigError([Problem(name, 0, 0, "include", message)])
+        raise ConfigError([Problem(name, 0, 0, key, f"cannot be changed automatically: {advice}, then try again")])
 
 
 def read_text(file: Path) -> str | None:

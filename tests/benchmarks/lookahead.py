@@ -45,7 +45,7 @@ class Case:
 
 @dataclass
 class Observed:
-    """What one run showed: touches of two robots and looks that foresaw one, with their times, and holds."""
+    """The touches of two robots in a run, the looks that foresaw one, with their times, and the holds."""
 
     touches: list[tuple[Pair, float]] = field(default_factory=list)
     looks: list[tuple[Pair, float]] = field(default_factory=list)

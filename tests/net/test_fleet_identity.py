@@ -12,7 +12,7 @@ from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.network_model import IDENTITY_VARIABLE
 from eal_actors.wire.rpc.client.broadcast import ask_robots
 from eal_actors.wire.rpc.client.discovery import robots_at
-from tests.net.rig import Rig, becomes, failure, ready
+from tests.net.rig import Rig, becomes, failure, process, ready
 
 
 def test_another_fleets_robot_at_the_same_address_is_refused_by_name(tmp_path: Path) -> None:
@@ -41,3 +41,27 @@ def test_discovery_tells_fleets_of_one_name_apart(tmp_path: Path) -> None:
         assert address is not None
         (found,) = robots_at(address)
         assert (found.fleet, found.identity, found.robot) == ("f", "hers", "r1")
+
+
+def test_eal_serve_makes_an_identity(tmp_path: Path) -> None:
+    """It only suggested one."""
+    rig = Rig(tmp_path, network={"lease_s": 2.0})
+    former = rig.config
+    command = ["-m", "eal_actors", "serve", "-f", str(rig.file), "-r", "r1", "--new-identity"]
+    with process(command, tmp_path) as serving:
+        serving.wait_for("fleet f, identity ")
+        config = EALConfigManager.load(rig.file).fleet
+        assert config.network.identity is not None
+        assert config.network.lease_s == 2.0
+        assert any(f"identity {config.network.identity}" in line for line in serving.lines)
+        address = config.robots["r1"].address
+        assert address is not None
+        (found,) = robots_at(address)
+        assert found.identity == config.network.identity
+        with ready(Fleet(config)) as fleet:
+            assert fleet["r1"]["Arm"].send_cmd("step1").get() == 1
+        with Fleet(former) as fleet:  # as the file was before
+            assert becomes(fleet["r1"], RobotState.LOST)
+    with process(command, tmp_path) as serving:
+        serving.wait_for("fleet f, identity ")
+        assert EALConfigManager.load(rig.file).fleet.network.identity == config.network.identity

@@ -49,7 +49,7 @@ def write_calibration(
         ConfigError: a file cannot be written or is bundled with the framework, or the changed fleet would be invalid or
             would not use the calibration. Both files are unchanged then.
     """
-    require_own(fleet)
+    require_own(fleet, "calibrate with that")
     instance = _instance(fleet.robots[robot], fleet)
     file = fleet.source.with_name(f"{fleet.source.stem}-{robot}.calibration.yaml")
     lines = "\n".join(f"# {line}".rstrip() for line in comment.splitlines())

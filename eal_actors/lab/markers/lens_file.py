@@ -55,7 +55,7 @@ def find_camera(fleet: FleetConfig, wanted: str | None) -> FleetCamera:
     Raises:
         ConfigError: the fleet has no such camera or several, or its file is bundled with the framework.
     """
-    require_own(fleet)
+    require_own(fleet, "calibrate with that")
     found = {f"{camera.robot}.{camera.name}": camera for camera in _cameras(fleet)}
     chosen = [one for full, one in found.items() if wanted in (None, full, one.name)]
     if len(chosen) == 1:

@@ -10,7 +10,7 @@ import pytest
 from eal_actors.device.differential_base import WheelCalibration
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.lab.calibration.calibration_file import write_calibration
-from eal_actors.lab.fleet_edits import with_include
+from eal_actors.lab.fleet_edits import with_identity, with_include
 from eal_actors.managers.config import EALConfigManager
 
 FOUND = WheelCalibration(track_factor=1.0125, wheel_ratio=0.9975)
@@ -80,6 +80,26 @@ def test_the_robot_may_be_in_an_included_file_and_its_plugin_have_a_name_of_its_
 )
 def test_an_include_is_added_in_the_form_that_the_file_has(before: str, after: str) -> None:
     assert with_include(before, "lab.yaml", "c.yaml") == after
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("version: 1\nname: x\n", "version: 1\nnetwork: {identity: me}\nname: x\n"),
+        (
+            "version: 1\nnetwork:\n  # mine\n  lease_s: 2\n",
+            "version: 1\nnetwork:\n  # mine\n  identity: me\n  lease_s: 2\n",
+        ),
+        ("network: {lease_s: 2}\nversion: 1\n", "network: {identity: me, lease_s: 2}\nversion: 1\n"),
+    ],
+)
+def test_an_identity_is_added_in_the_form_that_the_file_has(before: str, after: str) -> None:
+    assert with_identity(before, "lab.yaml", "me") == after
+
+
+def test_a_form_of_the_network_that_only_people_can_change_is_left_to_them() -> None:
+    with pytest.raises(ConfigError, match=r"network: cannot be changed automatically: add `identity: me`"):
+        with_identity("version: 1\nnetwork: {}\n", "lab.yaml", "me")
 
 
 @pytest.mark.parametrize(
