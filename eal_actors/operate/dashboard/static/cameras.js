@@ -122,7 +122,7 @@ export class Tile {
     this.camera = [key.slice(0, slash), key.slice(slash + 1)];
     this.canvas = el("canvas", { role: "img", "aria-label": `Camera ${key}` });
     this.mark = el("div", { class: "mark", role: "status", hidden: true });
-    this.text = el("span", { class: "number" }, "waiting for a frame");
+    this.text = el("span", { class: "number" }, "waiting for a frame …");
     this.unchanged = el("span", { class: "chip", hidden: true });
     this.node = el(
       "figure",

@@ -61,9 +61,45 @@ export function clockTime(date) {
   return date.toLocaleTimeString([], { hour12: false });
 }
 
+/** Of texts on a canvas; the same as in style.css. */
+export const FONT = 'Inter, system-ui, -apple-system, "Segoe UI", Roboto, "DejaVu Sans", sans-serif';
+/** Whether the page is dark. */
+export const dark = matchMedia("(prefers-color-scheme: dark)");
+/** @type {Map<string, string>} Colours that were looked up: a map of a hundred robots asks for some thousand a second. */
+const palette = new Map();
+dark.addEventListener("change", () => palette.clear());
+
 /** @param {string} name - of a custom property in style.css, such as `--ink`. */
 export function colour(name) {
-  return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  let value = palette.get(name);
+  if (value === undefined) {
+    value = getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+    palette.set(name, value);
+  }
+  return value;
+}
+
+/**
+ * Return a function that calls another, at most once in a while: calls in between are made up for by one at its end.
+ *
+ * @param {() => void} call
+ * @param {number} period_ms
+ */
+export function throttled(call, period_ms) {
+  let isWaiting = false;
+  let calledAt = -Infinity;
+  return () => {
+    if (isWaiting) return;
+    const left = calledAt + period_ms - performance.now();
+    isWaiting = left > 0;
+    const run = () => {
+      isWaiting = false;
+      calledAt = performance.now();
+      call();
+    };
+    if (isWaiting) setTimeout(run, left);
+    else run();
+  };
 }
 
 /** @param {number | null} fraction @param {string} [kind] */

@@ -1,13 +1,15 @@
 // All robots, one row each: search, sort, group by tag, and commands to a selection.
 
 import { request } from "./connection.js";
-import { clockTime, el, meterOf, setText } from "./dom.js";
+import { clockTime, el, meterOf, setText, throttled } from "./dom.js";
+import { stateIcon } from "./icons.js";
 import { SelectionBar } from "./selection.js";
 import { activitiesOf, activityText, controlText, isActive, LOW_BATTERY, matches, stateOf, store } from "./store.js";
 
 /** @import { Robot, Tone, View } from "./types" */
 /** @typedef {(robot: Robot | undefined, name: string) => string | number} SortKey */
 
+const READABLE_MS = 250; // texts that change more often are not read, and cost frames
 const TONES = ["bad", "warn", "good"];
 /** @type {[string, SortKey | null][]} Columns, and what they sort by. */
 const COLUMNS = [
@@ -37,16 +39,17 @@ export function fleetView(root) {
     table.bar.node,
     table.node,
   );
-  const timer = setInterval(() => update(new Set(["time"])), 500);
+  const show = throttled(() => {
+    table.update();
+    summarize(summary);
+    reload.disabled = !store.may("administer");
+  }, READABLE_MS);
+  const timer = setInterval(show, 500);
 
   /** @type {View["update"]} */
   function update(changed) {
     if (changed.has("hello")) table.reset();
-    if (changed.has("hello") || changed.has("robots") || changed.has("time")) {
-      table.update();
-      summarize(summary);
-      reload.disabled = !store.may("administer");
-    }
+    if (changed.has("hello") || changed.has("robots")) show();
   }
   return { update, leave: () => clearInterval(timer) };
 }
@@ -67,7 +70,7 @@ function summarize(summary) {
   summary.replaceChildren(
     el("span", { class: "tile" }, el("b", {}, String(store.names().length)), "robots"),
     ...[...counts].map(([word, { shape, tone, count }]) =>
-      el("span", { class: `tile state ${tone}` }, el("b", {}, String(count)), `${shape} ${word}`),
+      el("span", { class: `tile state ${tone}` }, stateIcon(shape), el("b", {}, String(count)), word),
     ),
   );
 }
@@ -214,12 +217,9 @@ class Row {
     this.shown = content;
     this.node.classList.toggle("outdated", Boolean(robot?.last_seen));
     const [name, state, battery, roundTrip, activity, control, error] = this.cells;
-    const type = el(
-      "span",
-      { class: "faint small" },
-      [robot?.type, ...(robot?.tags ?? [])].filter(Boolean).join(" · "),
-    );
-    name.replaceChildren(el("a", { href: `#/robot/${encodeURIComponent(this.name)}` }, this.name), " ", type);
+    const tags = (robot?.tags ?? []).map((tag) => el("span", { class: "tag" }, tag));
+    const type = el("span", { class: "faint small" }, robot?.type);
+    name.replaceChildren(el("a", { href: `#/robot/${encodeURIComponent(this.name)}` }, this.name), " ", type, ...tags);
     state.replaceChildren(...stateParts(robot));
     battery.replaceChildren(...batteryParts(robot?.battery ?? null));
     setText(roundTrip, roundTripText(robot));
@@ -239,7 +239,7 @@ function stateParts(robot) {
   const reasons = Object.entries(robot?.not_ready ?? {}).map(([resource, reason]) => `${resource}: ${reason}`);
   if (robot?.last_seen) reasons.unshift(`last seen ${clockTime(new Date(robot.last_seen))}`);
   return [
-    el("span", { class: `state ${tone}` }, el("span", { "aria-hidden": "true" }, shape), word),
+    el("span", { class: `state ${tone}` }, stateIcon(shape), word),
     ...[...reasons, ...(robot?.problems ?? [])].map((text) => el("div", { class: "small" }, text)),
   ];
 }

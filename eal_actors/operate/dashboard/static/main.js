@@ -6,6 +6,7 @@ import { byId, clockTime, el, setText } from "./dom.js";
 import { releaseAll, showDriveError } from "./drive.js";
 import { fleetView } from "./fleet.js";
 import { showFrame } from "./frames.js";
+import { icon } from "./icons.js";
 import { logsView } from "./logs.js";
 import { mapView } from "./map.js";
 import { missionView } from "./mission.js";
@@ -226,7 +227,8 @@ byId("resume").onclick = () => dialog.showModal();
 byId("confirm-no").onclick = () => dialog.close();
 byId("confirm-yes").onclick = resume;
 
-for (const [key, title] of VIEWS) byId("nav").append(el("a", { href: `#/${key}`, "data-view": key }, title));
+for (const [key, title] of VIEWS)
+  byId("nav").append(el("a", { href: `#/${key}`, "data-view": key }, icon(key), el("span", {}, title)));
 byId("skip").onclick = (event) => {
   event.preventDefault();
   main.focus();

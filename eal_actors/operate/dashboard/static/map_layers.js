@@ -1,6 +1,6 @@
 // What the map draws besides the robots: the world, zones, places, paths, and how sure the poses are.
 
-import { colour } from "./dom.js";
+import { colour, FONT } from "./dom.js";
 import { store } from "./store.js";
 
 /** @import { World, WorldShape, Point } from "./types" */
@@ -85,7 +85,7 @@ export function drawZones(context, frame, zones) {
 /** @param {Context} context @param {Frame} frame @param {World} world */
 function drawPlaces(context, frame, { places }) {
   context.save();
-  context.font = "12px system-ui, sans-serif";
+  context.font = `12px ${FONT}`;
   context.textAlign = "center";
   context.strokeStyle = context.fillStyle = colour("--accent");
   context.lineWidth = 2;

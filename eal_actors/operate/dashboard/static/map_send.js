@@ -2,6 +2,7 @@
 
 import { request } from "./connection.js";
 import { el, fixed, setText } from "./dom.js";
+import { icon } from "./icons.js";
 import { store } from "./store.js";
 
 /** @import { Point } from "./types" */
@@ -14,12 +15,13 @@ export class MapSender {
   /** @type {Point[] | null} The corners of the zone that is being drawn. */
   drawn = null;
   select = el("select", { id: "send-robot" });
-  zoneButton = el("button", { type: "button", "aria-pressed": "false" }, "Draw a keep-out zone");
+  zoneText = el("span", {}, "Draw a keep-out zone");
+  zoneButton = el("button", { type: "button", "aria-pressed": "false" }, icon("zone"), this.zoneText);
   clearButton = el("button", { type: "button" }, "Clear zones");
-  status = el("span", { class: "small grow", role: "status", id: "send-status" });
+  status = el("span", { class: "small faint grow", role: "status", id: "send-status" });
   node = el(
     "div",
-    { class: "row" },
+    { class: "row grow sender" },
     el("label", { htmlFor: "send-robot" }, "Send"),
     this.select,
     this.zoneButton,
@@ -56,7 +58,7 @@ export class MapSender {
     this.clearButton.hidden = !this.zones.length;
     this.zoneButton.hidden = !store.hello?.world;
     this.zoneButton.setAttribute("aria-pressed", String(Boolean(this.drawn)));
-    setText(this.zoneButton, this.drawn ? "Close the zone" : "Draw a keep-out zone");
+    setText(this.zoneText, this.drawn ? "Close the zone" : "Draw a keep-out zone");
     if (this.drawn) setText(this.status, `Click the corners of the zone: ${this.drawn.length} so far.`);
     else if (this.select.value) setText(this.status, `Click where ${this.select.value} should go.`);
     else setText(this.status, "");

@@ -1,8 +1,9 @@
 // Mission control: the map, the robots, their cameras and what needs a person, on one page.
 
 import { Tile } from "./cameras.js";
-import { clockTime, el, meterOf, setText } from "./dom.js";
+import { clockTime, el, meterOf, setText, throttled } from "./dom.js";
 import { mostCameras, watch } from "./frames.js";
+import { stateIcon } from "./icons.js";
 import { FleetMap } from "./map.js";
 import { robotColour } from "./map_robots.js";
 import { activitiesOf, activityText, isActive, LOW_BATTERY, matches, stateOf, store } from "./store.js";
@@ -13,6 +14,7 @@ import { activitiesOf, activityText, isActive, LOW_BATTERY, matches, stateOf, st
 const STRIP_HZ = 4;
 const STRIP_CAMERAS = 3; // one is left for the picture of the floor
 const MAX_ALERTS = 30;
+const READABLE_MS = 250; // texts that change more often are not read, and cost frames of the map
 const RECENT_MS = 10 * 60_000;
 const MANY = 8; // robots from which the list has a search field
 
@@ -27,12 +29,7 @@ export function missionView(root) {
   const run = el("div", { class: "run-now" });
   root.append(
     el("h1", { class: "unseen" }, "Mission control"),
-    el(
-      "section",
-      { class: "mission-map", "aria-label": "Map" },
-      el("div", { class: "row tools" }, map.sender.node, el("span", { class: "grow" }), ...map.controls()),
-      map.node,
-    ),
+    el("section", { class: "mission-map", "aria-label": "Map" }, map.node),
     el(
       "div",
       { class: "mission-side" },
@@ -43,22 +40,21 @@ export function missionView(root) {
     strip.node,
   );
   map.observe();
-  const timer = setInterval(() => {
+  const showTexts = throttled(() => {
     list.update();
+    showRun(run);
+    showAlerts(alerts, count);
+  }, READABLE_MS);
+  const timer = setInterval(() => {
+    showTexts();
     strip.showAges();
   }, 500);
 
   /** @type {View["update"]} */
   function update(changed) {
     map.update(changed);
-    if (changed.has("hello") || changed.has("robots")) {
-      list.update();
-      strip.update(changed.has("hello"));
-    }
-    if (changed.has("hello") || changed.has("run")) showRun(run);
-    if (changed.has("hello") || changed.has("robots") || changed.has("logs") || changed.has("run")) {
-      showAlerts(alerts, count);
-    }
+    if (changed.has("hello") || changed.has("robots")) strip.update(changed.has("hello"));
+    if (changed.has("hello") || changed.has("robots") || changed.has("logs") || changed.has("run")) showTexts();
   }
   return {
     update,
@@ -130,13 +126,21 @@ function showAlerts(list, count) {
       el(
         "li",
         { class: `state ${tone}` },
-        el("span", { "aria-hidden": "true" }, shape),
+        stateIcon(shape),
         el("span", { class: "what" }, robot ? linkTo(robot) : null, robot ? " " : null, text),
       ),
     ),
   );
   list.closest("section")?.classList.toggle("calm", !alerts.length);
-  if (!alerts.length) list.append(el("li", { class: "faint" }, "● Nothing needs attention."));
+  if (!alerts.length)
+    list.append(
+      el(
+        "li",
+        { class: "state good" },
+        stateIcon("●"),
+        el("span", { class: "what faint" }, "Nothing needs attention."),
+      ),
+    );
 }
 
 /** @param {string} robot */
@@ -150,7 +154,9 @@ function linkTo(robot) {
 function showRun(node) {
   const { run } = store;
   node.hidden = !isActive(run);
-  if (!isActive(run)) return;
+  const shown = JSON.stringify(run);
+  if (!isActive(run) || node.dataset.shown === shown) return;
+  node.dataset.shown = shown;
   node.replaceChildren(
     el("strong", {}, `${run.phase === "paused" ? "❚❚ Paused" : "▶ Running"}: ${run.scenario}`),
     el("progress", { max: Math.max(run.calls, 1), value: run.done, "aria-label": "Calls done" }),
@@ -219,7 +225,7 @@ class RobotList {
     item.node.replaceChildren(
       dot,
       el("span", { class: "what" }, linkTo(name), " ", el("span", { class: "faint small" }, robot?.type)),
-      el("span", { class: `state ${tone} small` }, el("span", { "aria-hidden": "true" }, shape), word),
+      el("span", { class: `state ${tone} small` }, stateIcon(shape), word),
       el(
         "span",
         { class: "small faint doing" },

@@ -6,6 +6,7 @@ import { request } from "./connection.js";
 import { el, fixed, setText } from "./dom.js";
 import { DrivePanel } from "./drive.js";
 import { watch as watchCameras } from "./frames.js";
+import { stateIcon } from "./icons.js";
 import { activitiesOf, activityText, controlText, stateOf, store } from "./store.js";
 import { ValuesPanel } from "./values.js";
 
@@ -63,8 +64,8 @@ export function robotView(root, name) {
     if (store.hello && !store.names().includes(name)) setText(can, `The fleet has no robot ${name}.`);
     if (!robot) return;
     const [shape, word, tone] = stateOf(robot);
+    if (state.textContent !== word) state.replaceChildren(stateIcon(shape), word);
     state.className = `state ${tone}`;
-    setText(state, `${shape} ${word}`);
     showFacts(facts, factsOf(robot, store.poses[name]));
     showProblems(problems, problemsOf(robot));
     camera.update(robot.cameras);

@@ -3,6 +3,7 @@
 import { request } from "./connection.js";
 import { el, formatSeconds, setText } from "./dom.js";
 import { describeRange, parameterField } from "./fields.js";
+import { FleetMap } from "./map.js";
 import { PlansPanel } from "./plans.js";
 import { store } from "./store.js";
 import { Timeline } from "./timeline.js";
@@ -31,6 +32,8 @@ export function scenarioView(root) {
   const frame = el("div", { class: "panel timeline", tabIndex: 0 }, canvas);
   const replay = el("iframe", { class: "panel replay", title: "Replay of the run", hidden: true });
   replay.setAttribute("sandbox", "allow-scripts");
+  const map = new FleetMap();
+  const place = el("div", { class: "run-map", hidden: true }, map.node);
   const notes = el("ul", { class: "notes small", "aria-label": "Events of the run" });
   const heading = el("h2", {}, "Events ", el("span", { class: "faint small" }, "fleet time since the start"));
   const notesPanel = el("div", { class: "panel stack" }, heading, notes);
@@ -40,9 +43,10 @@ export function scenarioView(root) {
       "div",
       { class: "split" },
       form.node,
-      el("div", { class: "stack" }, plans.node, status.node, frame, replay, notesPanel),
+      el("div", { class: "stack" }, plans.node, status.node, frame, replay, notesPanel, place),
     ),
   );
+  map.observe();
   let timeline = new Timeline();
   /** @type {RunEvent | undefined} */
   let first;
@@ -51,6 +55,7 @@ export function scenarioView(root) {
     const source = store.run.phase !== "none" && store.run.report ? `${store.run.report}#replay` : "";
     frame.hidden = store.run.phase === "none" || source !== "";
     replay.hidden = !source;
+    place.hidden = frame.hidden;
     if (source && replay.getAttribute("src") !== source) replay.src = source;
     status.update();
     form.enable();
@@ -75,6 +80,7 @@ export function scenarioView(root) {
   /** @type {View["update"]} */
   function update(changed) {
     const isNew = changed.has("hello");
+    map.update(changed);
     if (isNew && store.hello) form.load();
     if (isNew || changed.has("run")) showRun();
     if (isNew || changed.has("events")) {
@@ -95,6 +101,7 @@ export function scenarioView(root) {
     update,
     leave() {
       clearInterval(timer);
+      map.leave();
       plans.leave();
       observer.disconnect();
     },

@@ -1,6 +1,6 @@
 // The timeline of a run: one row per robot, one bar per step.
 
-import { colour, fitCanvas } from "./dom.js";
+import { colour, FONT, fitCanvas } from "./dom.js";
 import { shortLabel, store } from "./store.js";
 
 /** @import { RunEvent } from "./types" */
@@ -73,7 +73,7 @@ export class Timeline {
     const end = isRunning ? Math.max(this.end, store.fleetNow() - (this.started_s ?? 0)) : this.end;
     const scale = (width - NAME_PX - 12) / Math.max(end, 1);
     context.clearRect(0, 0, width, height);
-    context.font = "12px system-ui, sans-serif";
+    context.font = `12px ${FONT}`;
     context.textBaseline = "middle";
     drawAxis(context, end, scale, height);
     context.textAlign = "left";
@@ -147,7 +147,9 @@ function drawBar(context, bar, y, scale) {
   const [colourName, shape] = OUTCOMES[bar.outcome ?? ""] ?? ["--good", "▶ "];
   context.globalAlpha = bar.outcome === null ? 1 : 0.85;
   context.fillStyle = colour(colourName);
-  context.fillRect(x, y + 3, width, ROW_PX - 6);
+  context.beginPath();
+  context.roundRect(x, y + 2, width, ROW_PX - 4, Math.min(4, width / 2));
+  context.fill();
   context.globalAlpha = 1;
   if (width < 26) return;
   context.fillStyle = colour("--panel");
