@@ -276,12 +276,15 @@ def draw_hand(folder: Path) -> None:
     figure = _figure()
     left, right = figure.subplots(1, 2)
     left.plot([pose[0] for pose in path], [pose[1] for pose in path], color="#1f6fb4")
-    left.set(title="driven by a gamepad's events", xlabel="x in m", ylabel="y in m", aspect="equal")
+    left.set(title="driven by a gamepad's events", xlabel="x [m]", ylabel="y [m]")
+    left.set_aspect("equal", "datalim")
     stick = [number / 100 for number in range(101)]
-    for expo in (0.0, 0.6, 1.0):
-        right.plot(stick, [curved(way, expo) for way in stick], label=f"--expo {expo:g}")
-    right.set(title="the stick's curve", xlabel="way of the stick", ylabel="part of the speed")
-    right.legend()
+    for expo, colour, line in ((0.0, "#0072b2", "-"), (0.6, "#d55e00", "--"), (1.0, "#009e73", ":")):
+        right.plot(stick, [curved(way, expo) for way in stick], line, color=colour, label=f"--expo {expo:g}")
+    right.set(title="the stick's curve", xlabel="stick [share of its way]", ylabel="speed [share of the full speed]")
+    right.legend(frameon=False)
+    for axes in (left, right):
+        draw_grid(axes)
     figure.savefig(IMAGES / "hand.png")
 
 

@@ -6,13 +6,13 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import cv2
 import numpy as np
+from dashboard_figures import draw_dashboard
 from swap_figure import draw_swap
 
 from eal_actors import Fleet, RobotHandle, gather
@@ -20,7 +20,6 @@ from eal_actors.device.world import load_world
 from eal_actors.lab.calibration.drive import GroundTruth, calibrate_base, drive_squares, wheelbase_of
 from eal_actors.lab.calibration.fit import fit_squares
 from eal_actors.lab.calibration.square import WAYS, SquareEnds
-from eal_actors.managers.config import EALConfigManager
 from eal_actors.recording import PoseRecorder, draw_trajectory, draw_world
 from eal_actors.recording.arena import draw_grid, new_figure
 from eal_actors.scenario import run_scenario
@@ -158,48 +157,6 @@ def draw_patrol(out: Path) -> None:
     cv2.imwrite(str(out), cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
 
 
-def draw_dashboard(images: Path) -> None:
-    """Draw the views of the dashboard, where a Chromium is installed; they show live robots, so they never repeat."""
-    program = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    if program is None:
-        print("no Chromium is installed: the pictures of the dashboard stay as they are")  # noqa: T201
-        return
-    from playwright.sync_api import sync_playwright
-
-    from eal_actors.operate.dashboard import Dashboard
-
-    lab = load_world(ROOT / "fleets/worlds/lab.yaml")
-    config = replace(EALConfigManager.load(ROOT / "fleets/sim.yaml").fleet, world=lab)
-    with (
-        Fleet(config).connect() as fleet,
-        Dashboard(fleet, scenarios=ROOT / "scenarios") as dashboard,
-        sync_playwright() as playwright,
-        playwright.chromium.launch(executable_path=program, args=["--no-sandbox", "--disable-gpu"]) as browser,
-    ):
-        for robot in fleet.values():
-            robot["Base"].set_config("step_m", 0.6).get()
-        page = browser.new_page(viewport={"width": 1280, "height": 720})
-        page.goto(f"{dashboard.link}#/scenario")
-        page.get_by_label("Scenario", exact=True).first.select_option("square.yaml")
-        page.get_by_role("button", name="Start", exact=True).click()
-        dark = browser.new_page(viewport={"width": 1280, "height": 720}, color_scheme="dark")
-        dark.goto(f"{dashboard.link}#/map")
-        for view in ("mission", "robot/evbot3-1", "cameras", "fleet", "map", "scenario", "logs"):
-            page.evaluate("(view) => { location.hash = `#/${view}`; }", view)
-            page.wait_for_selector("[data-frames]" if view in ("mission", "cameras") else "h1")
-            page.wait_for_timeout(2500)
-            page.screenshot(path=images / f"dashboard-{view.partition('/')[0]}.png")
-            if view == "map":
-                dark.screenshot(path=images / "dashboard-dark.png")
-        phone = browser.new_page(viewport={"width": 375, "height": 720})
-        phone.goto(f"{dashboard.link}#/robot/roomba-1")
-        phone.wait_for_timeout(2000)
-        phone.screenshot(path=images / "dashboard-phone.png")
-        phone.goto(f"{dashboard.link}#/mission")
-        phone.wait_for_timeout(2000)
-        phone.screenshot(path=images / "dashboard-mission-phone.png")
-
-
 def draw_sweep(out: Path) -> None:
     """Draw what the sweep of its page comes to."""
     page = (ROOT / "docs/sweeps.md").read_text(encoding="utf-8")
@@ -241,7 +198,7 @@ def main() -> None:
     draw_world(load_world(ROOT / "fleets/worlds/lab.yaml"), IMAGES / "lab.png")
     draw_world(load_world(ROOT / "fleets/worlds/maze.yaml"), IMAGES / "maze.png")
     draw_swap(IMAGES)
-    draw_dashboard(IMAGES)
+    draw_dashboard()
 
 
 if __name__ == "__main__":

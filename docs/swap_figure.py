@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import colorsys
 import math
 from pathlib import Path
 from typing import Final
@@ -13,7 +12,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from eal_actors.device.world import WorldModel
-from eal_actors.recording.arena import draw_arena, new_figure
+from eal_actors.recording.arena import draw_arena, draw_grid, new_figure
+from eal_actors.recording.picture import COLOURS, MARKERS
 from eal_actors.testing import Simulation
 
 RADII_M: Final = {"evbot2": 0.18, "evbot3": 0.20, "roomba": 0.17}
@@ -57,34 +57,34 @@ def drive_swap() -> tuple[dict[str, str], list[dict[str, Pose]], WorldModel]:
 def draw_swap(folder: Path) -> None:
     """Draw `swap.png` and `swap.gif`."""
     models, trail, world = drive_swap()
-    colours = {name: colorsys.hsv_to_rgb(number / len(models), 0.75, 0.8) for number, name in enumerate(models)}
+    colours = {name: COLOURS[number % len(COLOURS)] for number, name in enumerate(models)}
     figure = new_figure(6.4, 6.6)
     if figure is None:
         raise RuntimeError("matplotlib is missing")
     axes = figure.subplots()
     draw_arena(axes, world)
-    for name, colour in colours.items():
+    for number, (name, colour) in enumerate(colours.items()):
         xs, ys, _ = zip(*(poses[name] for poses in trail), strict=True)
-        axes.plot(xs, ys, color=colour, linewidth=1.4)
-        axes.plot(xs[0], ys[0], "o", color=colour, markersize=5)
-        axes.plot(xs[-1], ys[-1], "s", color=colour, markersize=7)
-    axes.set_aspect("equal")
-    axes.set_title(f"twenty robots swap sides in {len(trail) * FIX_S:.0f} s: from the dots to the squares")
+        marker = MARKERS[(number + number // len(COLOURS)) % len(MARKERS)]
+        axes.plot(xs, ys, "-" if number < len(models) / 2 else "--", color=colour, linewidth=1.4)
+        axes.plot(xs[0], ys[0], marker, color=colour, markersize=7, markerfacecolor="white")
+        axes.plot(xs[-1], ys[-1], marker, color=colour, markersize=7)
+    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+    draw_grid(axes)
+    axes.set_title(f"twenty robots swap sides in {len(trail) * FIX_S:.0f} s: from the hollow marks to the filled")
     figure.savefig(folder / "swap.png", metadata={"Software": None})
     frames = [_frame(poses, models, colours) for poses in [*trail[::_FRAME_FIXES], *[trail[-1]] * 20]]
     images = [Image.fromarray(frame).quantize(64, dither=Image.Dither.NONE) for frame in frames]
     images[0].save(folder / "swap.gif", save_all=True, append_images=images[1:], duration=60, loop=0, optimize=True)
 
 
-def _frame(
-    poses: dict[str, Pose], models: dict[str, str], colours: dict[str, tuple[float, float, float]]
-) -> NDArray[np.uint8]:
+def _frame(poses: dict[str, Pose], models: dict[str, str], colours: dict[str, str]) -> NDArray[np.uint8]:
     side_px = round(_SIDE_M * _SCALE)
     frame = np.full((side_px, side_px, 3), 255, np.uint8)
     for x_m, y_m in PILLARS:
         cv2.circle(frame, _pixel(x_m, y_m), round(0.15 * _SCALE), (150, 150, 150), -1, cv2.LINE_AA)
     for name, (x_m, y_m, yaw_rad) in poses.items():
-        colour = tuple(round(255 * part) for part in colours[name])
+        colour = tuple(bytes.fromhex(colours[name][1:]))
         radius_m = RADII_M[models[name]]
         cv2.circle(frame, _pixel(x_m, y_m), round(radius_m * _SCALE), colour, -1, cv2.LINE_AA)
         nose = _pixel(x_m + radius_m * math.cos(yaw_rad), y_m + radius_m * math.sin(yaw_rad))

@@ -235,7 +235,7 @@ def test_the_banner_names_the_robots_that_have_not_confirmed_the_stop(open_page:
         page.keyboard.press("Escape")
         expect(banner).to_contain_text("2 of 3 stopped, r3 NOT CONFIRMED: STOP on the dashboard")
         expect(frozen).to_contain_text("stop NOT CONFIRMED")
-        expect(page.locator("tr[data-robot='r1']")).to_contain_text("■stopped")
+        expect(page.locator("tr[data-robot='r1']")).to_contain_text("stopped")
         expect(page.locator("#notices")).to_contain_text("Stop not confirmed: r3")
         expect(banner).to_contain_text("2 of 3 stopped, r3 NOT CONFIRMED")  # though the request is over
         running["r3"].thaw()
