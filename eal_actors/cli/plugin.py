@@ -20,7 +20,7 @@ from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.options import EalCommand, EalCommandGroup, GlobalOptions, JsonOption
 from eal_actors.cli.output import PAGE_WIDTH, counted, new_table, print_line, stderr, stdout, write_json
 from eal_actors.cli.plugin_settings import SettingOption, parse_settings
-from eal_actors.kernel.bundled import short_path
+from eal_actors.kernel.bundled import is_installed, short_path
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.log import configure_logging
 from eal_actors.managers.manifest import discover
@@ -65,7 +65,9 @@ def list_plugins(
 def _print_list(found: Sequence[dict[str, Any]]) -> None:
     table = new_table("plugin", "version", "resources", "description")
     for plugin in found:
-        about = Text.assemble(plugin["description"], (f"\nin {plugin['folder']}", "dim"))
+        about = Text(plugin["description"])
+        if not is_installed(Path(plugin["folder"])):  # those of the framework have one long folder in common
+            about.append(f"\nin {plugin['folder']}", style="dim")
         if plugin["missing"]:
             about.append(f"\nmissing: {', '.join(plugin['missing'])}", style="yellow")
         table.add_row(Text(plugin["name"], style="cyan"), plugin["version"], "\n".join(plugin["resources"]), about)
