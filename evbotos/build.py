@@ -38,7 +38,7 @@ from evbotos.locking import lock_present_versions
 from evbotos.model import GRUB_PACKAGE, Image, Kernel, Local, PackagedKernel, Platform
 from evbotos.outputs import Built, Made, manifest_of, root_with_kernel_mb, write_outputs
 from evbotos.packages import Apt
-from evbotos.plan import layers_of
+from evbotos.plan import layers_of, step_names
 from evbotos.robot_files import gather_robot_files
 from evbotos.steps import Runner, Step, owned
 from evbotos.wheels import fetch_wheels
@@ -99,7 +99,7 @@ class Build:
         self._local = local
         self._tell = tell
         self._cache = cache_folder(local)
-        self._runner = Runner(self._cache, tell)
+        self.runner: Final = Runner(self._cache, tell, step_names(platform, image))
         self._warnings: list[str] = []
         self._lock_file = lock_file
 
@@ -119,27 +119,27 @@ class Build:
         with owned(self._cache):
             lock = self._lock(update_lock)
             debs, wheels = self._fetch(lock)
-            kernel_folder = self._runner.run(self._kernel_step(lock))
-            base = self._runner.run(self._base_step(lock, debs, wheels))
-            initrd = self._runner.run(self._initrd_step(lock, kernel_folder, base)) if self._is_packaged else None
-            root = self._runner.run(self._root_step(lock, base))
-            squashed = self._runner.run(self._squash_step(lock, root))
-            verified = self._runner.run(self._verity_step(squashed))
+            kernel_folder = self.runner.run(self._kernel_step(lock))
+            base = self.runner.run(self._base_step(lock, debs, wheels))
+            initrd = self.runner.run(self._initrd_step(lock, kernel_folder, base)) if self._is_packaged else None
+            root = self.runner.run(self._root_step(lock, base))
+            squashed = self.runner.run(self._squash_step(lock, root))
+            verified = self.runner.run(self._verity_step(squashed))
             loader, needs_stand_ins = self._platform.loader, self._platform.needs_stand_ins
-            board = self._runner.run(self._board_step(lock, kernel_folder)) if loader == "u-boot" else None
-            images = self._runner.run(self._grub_step(lock)) if loader == "grub" else None
+            board = self.runner.run(self._board_step(lock, kernel_folder)) if loader == "u-boot" else None
+            images = self.runner.run(self._grub_step(lock)) if loader == "grub" else None
             made = Made(
                 root=verified,
                 kernel=kernel_folder,
-                disks=self._runner.run(self._disk_step(lock, verified, kernel_folder, board, images)),
-                sizes=self._runner.run(self._sizes_step(root)),
-                bill=self._runner.run(self._bill_step(lock, debs, wheels)),
+                disks=self.runner.run(self._disk_step(lock, verified, kernel_folder, board, images)),
+                sizes=self.runner.run(self._sizes_step(root)),
+                bill=self.runner.run(self._bill_step(lock, debs, wheels)),
                 initrd=initrd,
-                emulator=self._runner.run(self._emulator_step(lock, kernel_folder)) if needs_stand_ins else None,
+                emulator=self.runner.run(self._emulator_step(lock, kernel_folder)) if needs_stand_ins else None,
             )
             folder = output / f"{self._platform.name}-{self._image.name}"
             self._see_to_the_budget(root_with_kernel_mb(made, self._platform))
-            return write_outputs(self._platform, self._image, lock, made, self._runner.done, self._warnings, folder)
+            return write_outputs(self._platform, self._image, lock, made, self.runner.done, self._warnings, folder)
 
     def _warn(self, words: str) -> None:
         self._warnings.append(words)
@@ -172,7 +172,7 @@ class Build:
         debs = self._apt(self._platform.architecture).fetch(wanted, self._cache / "debs")
         wheels = fetch_wheels(self._platform, lock.wheels, self._cache / "wheels")
         if lock.compiled:
-            wheels += sorted(self._runner.run(self._compile_step(lock)).iterdir())
+            wheels += sorted(self.runner.run(self._compile_step(lock)).iterdir())
         return debs, wheels
 
     def _compile_step(self, lock: Lock) -> Step:

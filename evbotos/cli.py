@@ -172,7 +172,12 @@ def build_image(
     def tell(words: str) -> None:
         progress.print(f"{REAL_TIME.now() - start_s:7.1f} s  {words}", soft_wrap=True)
 
-    built = Build(board, what, found.local, found.lock_path(board, what), tell).run(output, update_lock=update_lock)
+    build = Build(board, what, found.local, found.lock_path(board, what), tell)
+    try:
+        built = build.run(output, update_lock=update_lock)
+    except KeyboardInterrupt:
+        tell(f"stopped: {len(build.runner.done)} of {len(build.runner.names)} steps are kept; the same command resumes")
+        raise
     if as_json:
         write_json({"folder": str(built.folder), **built.report})
         return

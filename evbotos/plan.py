@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from evbotos.disk import parts_of
 from evbotos.fields import ROOTFS
 from evbotos.hosttools import find_tool, needed_for
 from evbotos.kernel import fragments_text
 from evbotos.lock import Lock, asked_by
-from evbotos.model import Image, Kernel, Platform
+from evbotos.model import Image, Kernel, PackagedKernel, Platform
 
 
 def layers_of(image: Image, rootfs: Path = ROOTFS) -> list[Path]:
@@ -45,6 +45,10 @@ def wheels_of(platform: Platform, image: Image) -> list[str]:
 def compiled_of(platform: Platform, image: Image) -> list[str]:
     """Return the Python packages to compile, because they have no wheel."""
     return sorted(set(image.wheels) & set(platform.compiled_wheels))
+
+
+_BEFORE_DISK: Final = ("compiled", "kernel", "base", "initrd", "root", "squash", "verity", "board", "grub")
+_STEPS: Final = (*_BEFORE_DISK, "disk", "sizes", "bill", "emulator")
 
 
 def make_plan(platform: Platform, image: Image, lock: Lock | None) -> dict[str, Any]:
@@ -87,6 +91,18 @@ def _locked(lock: Lock | None, left_out: set[str]) -> dict[str, Any]:
         "locked_compiled_wheels": [f"{one.name} {one.version}" for one in lock.compiled],
         "download_mb": round(sum(package.size for package in lock.packages) / 1e6, 1),
     }
+
+
+def step_names(platform: Platform, image: Image) -> list[str]:
+    """Return the names of the steps of a build, in their order."""
+    is_there = {
+        "compiled": bool(compiled_of(platform, image)),
+        "initrd": isinstance(platform.kernel, PackagedKernel),
+        "board": platform.loader == "u-boot",
+        "grub": platform.loader == "grub",
+        "emulator": platform.needs_stand_ins,
+    }
+    return [name for name in _STEPS if is_there.get(name, True)]
 
 
 def _steps(platform: Platform, image: Image) -> list[str]:

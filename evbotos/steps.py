@@ -6,7 +6,7 @@ import errno
 import fcntl
 import os
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -55,7 +55,8 @@ class Runner:
 
     Args:
         folder: the cache folder.
-        tell: receives a step before it runs, with the seconds that the newest one of its name took.
+        tell: receives a step before it runs, with the seconds that it and the steps after it took the last time.
+        names: the steps of the build, in their order.
 
     Attributes:
         done: the finished steps.
@@ -63,6 +64,7 @@ class Runner:
 
     folder: Path
     tell: Callable[[str], None]
+    names: Sequence[str] = ()
     done: list[StepDone] = field(default_factory=list)
 
     def outcome(self, step: Step) -> Path:
@@ -81,7 +83,7 @@ class Runner:
         if cached:
             os.utime(outcome)
         else:
-            self.tell(f"{step.name}{self._estimate(step)}")
+            self.tell(f"{step.name}{self._estimate(step.name)}")
             self._make(step, outcome)
         seconds = round(REAL_TIME.now() - start_s, 2)
         self.done.append(
@@ -98,11 +100,22 @@ class Runner:
             return seconds
         return float(note.read_text()) if note.is_file() else None
 
-    def _estimate(self, step: Step) -> str:
-        folder = self.folder / "seconds"
-        notes = (note for note in folder.glob("*") if note.name.rpartition("-")[0] == step.name)
+    def _estimate(self, name: str) -> str:
+        """Return a step's number, how long it took the last time, and how long those after it took."""
+        place = self.names.index(name) + 1 if name in self.names else 0
+        number = f", {place} of {len(self.names)}" if place else ""
+        seconds = self._last_s(name)
+        if seconds is None:
+            return number
+        rest = [self._last_s(later) for later in self.names[place:]] if place else []
+        rest_s = sum(one for one in rest if one is not None)
+        after = f"; at most about {rest_s:.0f} s for the rest" if rest and None not in rest else ""
+        return f"{number} (about {seconds:.0f} s, as the last time{after})"
+
+    def _last_s(self, name: str) -> float | None:
+        notes = (note for note in (self.folder / "seconds").glob("*") if note.name.rpartition("-")[0] == name)
         newest = max(notes, key=lambda note: note.stat().st_mtime_ns, default=None)
-        return "" if newest is None else f" (about {float(newest.read_text()):.0f} s, as the last time)"
+        return None if newest is None else float(newest.read_text())
 
     def _make(self, step: Step, outcome: Path) -> None:
         part = outcome.with_name(f".part-{step.key}")

@@ -29,8 +29,8 @@ WINDOW_MS: Final = 2000
 WINDOWS: Final = 5
 LEAST: Final = 20
 LEAST_SHARE: Final = 0.95
-"""Of the frames that an empty page of the same browser draws, 60 a second at most. Chromium draws without a GPU here, on
-the processors that simulate the robots."""
+"""Of the frames that an empty page of the same browser draws, 60 a second at most. Chromium draws without a GPU, on the
+processors that simulate the robots."""
 VIEWS: Final = {
     "mission": f"updates a second in mission control, {ROBOTS} robots driving",
     "fleet": f"updates a second in the dashboard's table of {ROBOTS} driving robots",

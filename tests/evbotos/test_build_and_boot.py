@@ -21,6 +21,7 @@ from evbotos.lock import lock_path
 from evbotos.model import Local, PackagedKernel
 from evbotos.outputs import Built
 from evbotos.packages import Apt
+from evbotos.plan import step_names
 from evbotos.project import project_files
 from tests.evbotos.proof import SERVES, Proof, first_answer_s, give_keys, started, wait_for_words
 
@@ -107,6 +108,7 @@ def test_a_second_build_is_the_same_to_the_bit(proof: Proof, tmp_path: Path) -> 
     finally:
         os.umask(before)
     assert all(not step["cached"] for step in again.report["steps"])
+    assert [step["name"] for step in again.report["steps"]] == step_names(PLATFORM, IMAGE)
     if sources() != sources_before:
         pytest.skip("the project's own files were edited between the two builds")
     for name in SAME:

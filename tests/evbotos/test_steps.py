@@ -39,6 +39,18 @@ def test_a_step_says_how_long_the_last_one_of_its_name_took(tmp_path: Path) -> N
     assert told == ["one", "one-more", "one (about 300 s, as the last time)"]
 
 
+def test_a_step_of_a_build_says_its_number_and_how_long_the_rest_took(tmp_path: Path) -> None:
+    told: list[str] = []
+    for lock in ("old", "new"):
+        runner = Runner(tmp_path, told.append, ("one", "two", "three"))
+        for name in runner.names:
+            runner.run(Step(name, lock, lambda out: write(out, "made")))
+            (tmp_path / "seconds" / f"{name}-{lock}").write_text("30.4\n")
+    assert told[:3] == ["one, 1 of 3", "two, 2 of 3", "three, 3 of 3"]
+    assert told[3] == "one, 1 of 3 (about 30 s, as the last time; at most about 61 s for the rest)"
+    assert told[5] == "three, 3 of 3 (about 30 s, as the last time)"
+
+
 def test_a_step_that_fails_leaves_nothing_and_is_made_anew(tmp_path: Path) -> None:
     runner = Runner(tmp_path, lambda _: None)
 
