@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from typing import Annotated, Any, Final
 
@@ -18,6 +19,7 @@ from eal_actors.device.info import unknown_name
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import DeadlineError
+from eal_actors.kernel.printable import printable
 from eal_actors.kernel.yaml_source import plain_value
 
 _Call = Callable[[ResourceHandle, list[str], float | None], Future[Any]]
@@ -100,7 +102,8 @@ def call_method(
             {"robot": robot, "resource": resource, "method": method, "arguments": texts, **_answer_as_json(answer)}
         )
     else:
-        typer.echo(format_answer(answer))
+        text = format_answer(answer)
+        typer.echo(printable(text) if sys.stdout.isatty() else text)
 
 
 def _get_answer(

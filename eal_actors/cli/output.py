@@ -7,19 +7,33 @@ import math
 import os
 import reprlib
 import sys
+from collections.abc import Iterable
 from typing import Any, Final, TextIO
 
 from rich import box
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
+from typing_extensions import override
 
 from eal_actors.device.data import DataType, EALData
+from eal_actors.kernel.printable import printable
 
 _PIPE_WIDTH: Final = 160  # columns of a table in a pipe or a file: wide, so that lines stay whole for grep
 PAGE_WIDTH: Final = 80
 """Columns of a table in a pipe whose cells are texts for people."""
 _MOST_ELEMENTS: Final = 32  # larger arrays are not printed in full
+
+
+class _Console(Console):
+    """A console for texts of robots and other programs, which must not control the terminal."""
+
+    @override
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        for segment in super().render(renderable, options):
+            is_plain = segment.control is not None or segment.text.isprintable()
+            yield segment if is_plain else segment._replace(text=printable(segment.text))
 
 
 def stdout(pipe_width: int = _PIPE_WIDTH) -> Console:
@@ -38,7 +52,7 @@ def stderr() -> Console:
 
 def _console(file: TextIO, pipe_width: int) -> Console:
     piped = not file.isatty() and "COLUMNS" not in os.environ
-    return Console(file=file, width=pipe_width if piped else None, highlight=False, markup=False, emoji=False)
+    return _Console(file=file, width=pipe_width if piped else None, highlight=False, markup=False, emoji=False)
 
 
 def new_table(*columns: str, right: tuple[str, ...] = ()) -> Table:

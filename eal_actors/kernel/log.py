@@ -20,6 +20,7 @@ from typing import Final, Literal, TextIO, cast
 
 import structlog
 
+from eal_actors.kernel.printable import printable
 from eal_actors.kernel.unwinding import Uninterrupted
 
 LogFormat = Literal["human", "json"]
@@ -47,6 +48,11 @@ def _add_context(_: object, __: str, event: structlog.typing.EventDict) -> struc
     if (call_id := _call_id.get()) is not None:
         event.setdefault("call", call_id)
     return event
+
+
+def _without_controls(_: object, __: str, event: structlog.typing.EventDict) -> structlog.typing.EventDict:
+    """Write out the control characters in texts of others, which a terminal would obey."""
+    return {key: printable(value) if isinstance(value, str) else value for key, value in event.items()}
 
 
 def _send_on(_: object, __: str, event: structlog.typing.EventDict) -> structlog.typing.EventDict:
@@ -109,8 +115,7 @@ def configure_logging(format: LogFormat = "human", level: str = "info", stream: 
         _send_on,
         structlog.processors.TimeStamper(fmt="iso" if format == "json" else "%H:%M:%S"),
     ]
-    if format == "json":
-        shared.append(structlog.processors.format_exc_info)
+    shared.append(structlog.processors.format_exc_info if format == "json" else _without_controls)
     structlog.configure(
         processors=[*shared, renderer],
         wrapper_class=structlog.make_filtering_bound_logger(lowest),

@@ -14,21 +14,22 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
-from eal_actors.kernel.log import get_logger
 from eal_actors.operate.dashboard.access import Access
 from eal_actors.operate.dashboard.limits import MAX_BROWSERS
 from eal_actors.operate.dashboard.pages import INDEX, SECURITY_HEADERS, read_pages, report_headers
 from eal_actors.operate.dashboard.places import place_of
 from eal_actors.operate.dashboard.session import AppState, BrowserSession
 from eal_actors.operate.run_record import REPORT
+from eal_actors.wire.rpc.throttled_log import ThrottledLog
 
 
 class _Guard:
     """Refuses requests with a foreign `Host` or `Origin`, and adds the security headers to all answers."""
 
-    def __init__(self, app: ASGIApp, access: Access) -> None:
+    def __init__(self, app: ASGIApp, access: Access, strangers: ThrottledLog) -> None:
         self._app = app
         self._access = access
+        self._strangers = strangers
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
@@ -47,7 +48,9 @@ class _Guard:
 
     async def _refuse(self, scope: Scope, receive: Receive, send: Send, reason: str) -> None:
         headers = Headers(scope=scope)
-        get_logger().warning("request refused", reason=reason, host=headers.get("host"), origin=headers.get("origin"))
+        source = (scope.get("client") or ("unknown",))[0]
+        seen = f"{reason}: Host {headers.get('host')!r}, Origin {headers.get('origin')!r}"
+        self._strangers.warn(source, "request refused", seen)
         if scope["type"] == "websocket":
             await WebSocket(scope, receive, send).close()
         else:
@@ -79,7 +82,7 @@ class App:
             Route(f"/runs/{{name}}/{REPORT}", self._report, methods=["GET"]),
             WebSocketRoute("/ws", self._connect),
         ]
-        self.asgi: ASGIApp = _Guard(Starlette(routes=routes), app_state.access)
+        self.asgi: ASGIApp = _Guard(Starlette(routes=routes), app_state.access, app_state.strangers)
 
     async def _file(self, request: Request) -> Response:
         page = self._pages.get(request.path_params.get("name", INDEX))

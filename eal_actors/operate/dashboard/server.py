@@ -27,6 +27,7 @@ from eal_actors.operate.dashboard.teleop import SILENCE_S, Teleop
 from eal_actors.operate.dashboard.values import ValuePoller
 from eal_actors.operate.dashboard.web_server import WebServer, listen_at
 from eal_actors.operate.dashboard.world_map import world_map
+from eal_actors.wire.rpc.throttled_log import ThrottledLog
 
 DEFAULT_PORT: Final = 8080
 _ANYWHERE: Final = ("0.0.0.0", "::")  # noqa: S104  # compared with, not listened at
@@ -85,6 +86,7 @@ class Dashboard:
             sign_in := SignIn(self.access),
             self._audit,
             TokenBucket(per_s=1.0, at_once=20.0),
+            ThrottledLog(),
             dispatcher,
             self._cameras,
             fleet.clock,

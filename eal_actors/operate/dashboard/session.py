@@ -45,6 +45,7 @@ from eal_actors.operate.dashboard.notifier import Notifier
 from eal_actors.operate.dashboard.places import place_of
 from eal_actors.operate.dashboard.sign_in import SignIn
 from eal_actors.operate.dashboard.state_store import StateReader, StateStore
+from eal_actors.wire.rpc.throttled_log import ThrottledLog
 
 HELLO_S: Final = 5.0
 """Real seconds within which a browser must send its first message."""
@@ -73,7 +74,8 @@ class AppState:
     """The application state, which all browsers of a dashboard share.
 
     `introduction` makes the first message to a browser, in the loop's thread. `report` finds the report of a run by
-    its path. `refusals` limits the entries about refused users in the audit log.
+    its path. `refusals` limits the entries about refused users in the audit log, `strangers` the log lines about users
+    who are not known.
     """
 
     store: StateStore
@@ -82,6 +84,7 @@ class AppState:
     sign_in: SignIn
     audit: AuditLog
     refusals: TokenBucket
+    strangers: ThrottledLog
     dispatcher: Dispatcher
     cameras: Cameras
     clock: Clock
@@ -157,8 +160,7 @@ class BrowserSession:
 
     async def _sign_in(self, token: str | None) -> Visitor:
         """Find out who the user is; in a thread, because hashes take long."""
-        client, place = self._websocket.client, self._place
-        address = client.host if client is not None else ""
+        address, place = self._address, self._place
         user = {"from": address, "browser": self.name}
         try:
             visitor = await asyncio.to_thread(
@@ -174,8 +176,16 @@ class BrowserSession:
         self._audit = BrowserAudit(self._app_state.audit, user)
         return visitor
 
+    @property
+    def _address(self) -> str:
+        client = self._websocket.client
+        return client.host if client is not None else ""
+
     async def _reject(self, error: EALError, code: int) -> None:
-        get_logger().warning("a browser was disconnected", browser=self.name, reason=error.message)
+        if self._visitor is None:  # a stranger, who could fill the log
+            self._app_state.strangers.warn(self._address, "a browser was disconnected", error.message)
+        else:
+            get_logger().warning("a browser was disconnected", browser=self.name, reason=error.message)
         if self._websocket.application_state is WebSocketState.CONNECTED:
             with contextlib.suppress(TimeoutError, WebSocketDisconnect, RuntimeError):
                 async with asyncio.timeout(STUCK_S):

@@ -55,6 +55,6 @@ class ThrottledLog:
         """Log how many warnings the period that has ended left out."""
         repeated = {source[:_MAX_REASON]: count - 1 for source, count in self._seen.items() if count > 1}
         if repeated or self._others:
-            self._log.warning("malformed messages were not logged", by_source=repeated, other_sources=self._others)
+            self._log.warning("further warnings were not logged", by_source=repeated, other_sources=self._others)
         self._seen.clear()
         self._others = 0

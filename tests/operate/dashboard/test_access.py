@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import json
+import socket as socket_module
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
+from structlog.testing import capture_logs
 from websockets.exceptions import ConnectionClosed
 
 from eal_actors.kernel.errors import ConfigError
@@ -262,3 +264,20 @@ def test_a_port_in_use_is_reported(dashboard: Dashboard, tmp_path: Path) -> None
     fleet = counting_fleet(tmp_path / "other", "two")
     with pytest.raises(ConfigError, match="cannot listen there"):
         Dashboard(fleet, port=dashboard.port)
+
+
+def test_strangers_do_not_fill_the_log(dashboard: Dashboard, client: TestClient) -> None:
+    long = "x" * 4000
+    with capture_logs() as logs:
+        for number in range(50):
+            answer = client.get("/", headers={"host": f"{number}.{long}.example"})
+            assert answer.status_code == 403
+            with connect_to(dashboard) as socket:
+                socket.send(json.dumps({"do": f"{number}{long}"}))
+                with pytest.raises(ConnectionClosed):
+                    socket.recv(WAIT_S)
+            with socket_module.create_connection(("127.0.0.1", dashboard.port), WAIT_S) as raw:
+                raw.sendall(b"\x16\x03\x01 no HTTP at all\r\n\r\n")
+                raw.recv(1000)
+    assert len(logs) <= 3
+    assert len(str(logs)) < 3000
