@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from eal_actors import Fleet
 from eal_actors.facade.service import RobotService
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import EALError
@@ -16,7 +17,7 @@ from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import ACCEPTED, CallHeader, encode_call
 from eal_actors.wire.session import controller_config, open_session
 from tests.net.links import eventually
-from tests.net.rig import Rig
+from tests.net.rig import WAIT_S, Rig, ready
 from tests.security.forging import RawClient, make_keys, raw_client, secure_rig
 from tests.security.test_sizes import LITTLE_BYTES, on_a_small_board
 
@@ -29,6 +30,7 @@ _PAUSE_S = 0.01
 LONG_TEXT = "y" * 43_000
 """Text that fits into one message."""
 LONG_CALLS = 150
+READS, READ_BYTES = 24, 2 * 1024**2
 
 
 @pytest.fixture(scope="module")
@@ -96,6 +98,17 @@ def test_long_commands_do_not_wait(tmp_path: Path, keys_folder: Path) -> None:
         for _ in range(LONG_CALLS):
             assert isinstance(mate.call("Arm", "send_cmd", f"step1{LONG_TEXT}"), EALError)
         assert robot.peak_memory_bytes() - before < LITTLE_BYTES
+
+
+def test_large_values_of_past_commands_are_kept_within_bounds(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    with on_a_small_board(rig) as robot, ready(Fleet(rig.config)) as fleet:
+        line = fleet["r1"]["Line"]
+        before = robot.memory_bytes()
+        for _ in range(READS):
+            assert line.write_comm(bytes(READ_BYTES)).get(timeout=WAIT_S) == READ_BYTES
+            assert len(line.read_comm(READ_BYTES).get(timeout=WAIT_S).value) == READ_BYTES
+        assert robot.peak_memory_bytes() - before < READS * READ_BYTES / 2
 
 
 def test_a_long_reason_of_a_stop_is_cut_short(tmp_path: Path, keys_folder: Path) -> None:

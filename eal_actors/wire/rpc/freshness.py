@@ -263,6 +263,12 @@ class CommandHistory(Generic[T]):
         history.outcomes.popitem(last=False)
         self._outcomes -= 1
 
+    def replace(self, call: CallId, outcome: T) -> None:
+        """Replace the kept outcome of a command, if there is one."""
+        history = self._clients.get(call.client)
+        if history is not None and call in history.outcomes:
+            history.outcomes[call] = outcome
+
     def _most_outcomes(self) -> _ClientHistory[T]:
         """Return the client with most outcomes, of the certificate with most of them."""
         counts = Counter[str]()

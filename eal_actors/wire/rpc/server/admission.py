@@ -13,10 +13,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 from eal_actors.actors.call import MOTION_METHODS
+from eal_actors.device.data import EALData
 from eal_actors.kernel.clock import REAL_TIME, Clock
-from eal_actors.kernel.errors import DeadlineError, EALError, StaleCommandError
+from eal_actors.kernel.errors import DeadlineError, EALError, StaleCommandError, UnavailableError
 from eal_actors.wire.format.keys import ANYBODY, certificate_id, client_id
 from eal_actors.wire.format.messages import Answer, CallHeader, CallId
+from eal_actors.wire.format.packing import MAX_CALL_BYTES
 from eal_actors.wire.rpc.freshness import CommandHistory, CommandRecord, Stamp
 from eal_actors.wire.rpc.server.leases import DeadManSwitch, Leases, SilentController
 
@@ -29,6 +31,9 @@ device, its thread may wait for the interpreter or a processor."""
 
 _MAX_MESSAGE: Final = 1000
 """Kept characters of an error, since thousands of outcomes are kept."""
+_LARGE_BYTES: Final = 4096
+_MAX_KEPT_BYTES: Final = MAX_CALL_BYTES
+"""Limit of the kept values of commands that are larger than _LARGE_BYTES; the newest is always kept."""
 _MAX_NAMES: Final = 1024
 _MAX_NAME: Final = 100
 _NO_NAMES: Final[Mapping[str, str]] = {}
@@ -92,6 +97,7 @@ class Admission:
         self._clock = clock
         self._guard = threading.Lock()
         self._history: CommandHistory[Answer] = CommandHistory(era)
+        self._large: OrderedDict[CallId, int] = OrderedDict()
         self.names: Final = ControllerNames()
         self._leases = Leases(exclusive, dead_man_s, self.names.of)
         self._dead_man = DeadManSwitch(dead_man_s)
@@ -143,6 +149,15 @@ class Admission:
             outcome.message = outcome.message[:_MAX_MESSAGE]
         with self._guard:
             self._history.finish(call, outcome)
+            if isinstance(outcome, EALData) and outcome.length > _LARGE_BYTES:
+                self._keep_large(call, outcome.length)
+
+    def _keep_large(self, call: CallId, value_bytes: int) -> None:
+        """Note a large kept value; give up the oldest ones that take too much memory with it."""
+        self._large[call] = value_bytes
+        while len(self._large) > 1 and sum(self._large.values()) > _MAX_KEPT_BYTES:
+            oldest, _ = self._large.popitem(last=False)
+            self._history.replace(oldest, UnavailableError("its value is no longer kept"))
 
     def recall(self, call: CallId) -> CommandRecord[Answer] | None:
         """Return the record of a command; see CommandHistory."""
