@@ -137,6 +137,8 @@ class ManifestFile(StrictModel):
     """Module of the plugin that connects a whole fleet to another system, for `eal bridge`."""
     devices: tuple[DeviceSection, ...] = Field(default=(), strict=False)
     """The devices that its settings name."""
+    quick: dict[str, Any] = Field(default={})
+    """Settings with which a simulation is quicker and nobody sees a picture; `eal prove` adds them."""
     former_names: dict[Name, Text] = Field(default={}, json_schema_extra=NAMES_ONLY)
     """Former names in fleet files, and their replacements."""
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import threading
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
+from operator import attrgetter
 from typing import TYPE_CHECKING, Final
 from urllib.parse import urlsplit
 
@@ -23,7 +24,7 @@ from .world import SimWorld, world_of
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from .camera.looking_down import Instant, MarkerPlate, OverheadRenderer
+    from .camera.looking_down import Instant, MarkerPlate, OverheadLens, OverheadRenderer
 
 PLATE_M: Final = 0.01
 """Height of a marker over the highest part of its robot."""
@@ -69,17 +70,45 @@ class SimulatedOverheadCamera:
             self._last = renderer.picture(instants, seed), now_s
             return self._last
 
+    def markers(self) -> tuple[list[tuple[int, NDArray[np.float64]]], float]:
+        """Return where the camera sees whole markers now, without a picture, and the time.
+
+        A marker behind a higher robot is hidden. There is no noise, and walls and obstacles hide nothing.
+
+        Returns:
+            Numbers and corners in pixels, (4, 2), top left first and clockwise as the print is read; seconds of the
+            fleet's clock.
+        """
+        from .camera.looking_down import OverheadLens
+
+        lens = OverheadLens(self._camera)
+        with self._world.lock:
+            now_s = self._world.catch_up()
+            plates = self._plates(attrgetter("pose"))
+            robots = [(*robot.pose[:2], robot.make) for robot in self._world.robots if robot.has_place]
+        found = []
+        for plate in (*self._floor_plates(), *plates):
+            corners_m = _corners_m(plate, plate.size_m)
+            rim_px = lens.project(_corners_m(plate, plate.side_m))
+            if ((rim_px >= 0) & (rim_px <= np.array(lens.size) - 1)).all() and not _is_hidden(corners_m, lens, robots):
+                found.append((plate.number, lens.project(corners_m)))
+        return found, now_s
+
     def _start(self) -> OverheadRenderer:
-        from .camera.looking_down import MarkerPlate, OverheadRenderer
+        from .camera.looking_down import OverheadRenderer
         from .camera.shared import scene_of
 
+        self._renderer = OverheadRenderer(scene_of(self._world), self._camera, self._floor_plates())
+        return self._renderer
+
+    def _floor_plates(self) -> list[MarkerPlate]:
+        from .camera.looking_down import MarkerPlate
+
         marks = self._world.model.markers
-        on_floor = [
+        return [
             MarkerPlate(marks.family, one.id, one.size_m, one.x_m, one.y_m, 1e-4, math.radians(one.yaw_deg))
             for one in marks.floor
         ]
-        self._renderer = OverheadRenderer(scene_of(self._world), self._camera, on_floor)
-        return self._renderer
 
     def _instants(self) -> list[Instant]:
         """Return what moves, over an exposure whose middle is now. Thread: holds the world's `lock`."""
@@ -110,6 +139,36 @@ class SimulatedOverheadCamera:
                 height_m = marker_height_m(robot.make)
                 plates.append(MarkerPlate(marks.family, number, marks.size_m, x_m, y_m, height_m, yaw_rad))
         return plates
+
+
+def _corners_m(plate: MarkerPlate, side_m: float) -> NDArray[np.float64]:
+    """Return the corners of a square about the middle of a plate, (4, 3), top left first and clockwise."""
+    half = side_m / 2 * np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]])
+    cos, sin = math.cos(plate.yaw_rad), math.sin(plate.yaw_rad)
+    on_floor = half @ np.array([[cos, sin], [-sin, cos]]) + (plate.x_m, plate.y_m)
+    return np.column_stack([on_floor, np.full(4, plate.z_m)])
+
+
+def _is_hidden(corners_m: NDArray[np.float64], lens: OverheadLens, robots: Sequence[tuple[float, float, Make]]) -> bool:
+    """Return whether a part of a robot that is higher than a marker stands between a corner of it and the camera."""
+    for x_m, y_m, make in robots:
+        for radius_m, top_m in outline_m(make.radius_m, make.height_m, make.camera_height_m):
+            if top_m > corners_m[0, 2] and any(
+                _passes(corner_m, lens, (x_m, y_m), radius_m, top_m) for corner_m in corners_m
+            ):
+                return True
+    return False
+
+
+def _passes(
+    corner_m: NDArray[np.float64], lens: OverheadLens, middle: tuple[float, float], radius_m: float, top_m: float
+) -> bool:
+    """Return whether the ray from a corner to the camera passes through an upright cylinder below its top."""
+    to_camera = lens.centre_m - corner_m
+    along = to_camera[:2] * (top_m - corner_m[2]) / to_camera[2]
+    away = np.array(middle) - corner_m[:2]
+    way = float(np.clip(away @ along / max(float(along @ along), 1e-9), 0.0, 1.0))
+    return bool(np.hypot(*(way * along - away)) < radius_m)
 
 
 def _pose_after(robot: SimRobot, ticks: float) -> Pose2D:

@@ -53,7 +53,7 @@ class CameraTracker:
         sightings: the markers on robots in the newest picture, by id.
         detections: all markers in the newest picture.
         stamp_s: the newest picture's time of exposure; None before the first.
-        picture: the newest picture.
+        picture: the newest picture; None before the first, and where markers are taken from a simulated world.
         whole_searches: number of searches of whole pictures.
 
     Thread: one at a time.
@@ -115,6 +115,16 @@ class CameraTracker:
         self._locate(stamp_s)
         self.stamp_s, self.picture = stamp_s, picture
 
+    def take(self, detections: list[Detection], stamp_s: float) -> None:
+        """Take the markers in view from a simulated world, in place of a picture."""
+        if self.stamp_s is not None and stamp_s <= self.stamp_s:
+            return
+        self.detections = detections
+        self._learn(None, stamp_s)
+        self._note_pose(stamp_s)
+        self._locate(stamp_s)
+        self.stamp_s, self.picture = stamp_s, None
+
     def _has_wrong_size(self, picture: Image, stamp_s: float) -> bool:
         found, wanted = (picture.shape[1], picture.shape[0]), self.lens.size_px
         text = f"pictures of {found[0]} x {found[1]} px do not fit the lens, calibrated at {wanted[0]} x {wanted[1]} px"
@@ -142,8 +152,8 @@ class CameraTracker:
         rows = zip(pixels.tolist(), halves_px.tolist(), sides_px.tolist(), strict=True)
         return [SearchWindow(column, row, half_px, side_px) for (column, row), half_px, side_px in rows]
 
-    def _learn(self, grey: Image, stamp_s: float) -> None:
-        """Take from a search of the whole picture what changes rarely."""
+    def _learn(self, grey: Image | None, stamp_s: float) -> None:
+        """Take from a search of the whole picture what changes rarely; without one, nothing is mirrored."""
         counts = Counter(one.number for one in self.detections)
         once = {one.number: one.corners for one in self.detections if counts[one.number] == 1}
         moves = self._estimator.moves
@@ -155,7 +165,7 @@ class CameraTracker:
         unknown = {number for number in counts if number not in self._groups and number not in self._floor}
         self._problems.replace(_WHOLE_KINDS, self.name, self._whole_problems(unknown, moves, stamp_s))
         self._unknown_before = unknown
-        if self.whole_searches % _MIRRORED_EVERY == 0:
+        if grey is not None and self.whole_searches % _MIRRORED_EVERY == 0:
             self._look_for_mirrored(grey, stamp_s)
         self.whole_searches += 1
         self._since_whole = 0

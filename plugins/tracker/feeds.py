@@ -14,6 +14,7 @@ from eal_actors.plugin import Clock, NotReadyError, PluginContext, PluginError
 
 from ..camera.reader import ReaderOptions, SourceReader
 from ..camera.source import PictureSource
+from .detector import Detection
 from .settings import SIMULATED, CameraSettings
 
 _SLACK_S = 1e-6
@@ -30,6 +31,10 @@ class PictureFeed(ABC):
         Raises:
             NotReadyError: the camera is lost, frozen, or at its end.
         """
+
+    def known(self) -> tuple[list[Detection], float] | None:
+        """Return the markers in view and their time where they are known without a picture, else None."""
+        return None
 
     def why_not_ready(self) -> str | None:
         """Return why there is no picture now, or None."""
@@ -89,30 +94,49 @@ class SimulatedFeed(PictureFeed):
         camera: the simulated camera.
         clock: the fleet's clock.
         fps: pictures are at least 1 / fps apart; None for a picture of the moment of each call.
+        is_drawn: markers are searched in pictures; if not, the world tells where they are in view.
     """
 
-    def __init__(self, camera: Any, clock: Clock, fps: float | None) -> None:
+    def __init__(self, camera: Any, clock: Clock, fps: float | None, *, is_drawn: bool = True) -> None:
         self._camera = camera
         self._clock = clock
         self._period_s = 1.0 / fps if fps else 0.0
+        self._is_drawn = is_drawn
         self._last: tuple[Image, float] | None = None
+        self._last_known: tuple[list[Detection], float] | None = None
 
     @override
     def newest(self) -> tuple[Image, float]:
-        last = self._last
-        if last is None or self._clock.now() >= last[1] + self._period_s - _SLACK_S:
-            self._last = last = self._camera.frame()
-        return last
+        if self._last is None or self._is_due(self._last[1]):
+            self._last = self._camera.frame()
+        return self._last
+
+    @override
+    def known(self) -> tuple[list[Detection], float] | None:
+        if not self._is_drawn and (self._last_known is None or self._is_due(self._last_known[1])):
+            markers, stamp_s = self._camera.markers()
+            self._last_known = [Detection(*marker) for marker in markers], stamp_s
+        return self._last_known
+
+    def _is_due(self, last_s: float) -> bool:
+        return self._clock.now() >= last_s + self._period_s - _SLACK_S
 
 
-def open_feed(context: PluginContext, name: str, settings: CameraSettings) -> PictureFeed:
+def open_feed(context: PluginContext, name: str, settings: CameraSettings, *, is_drawn: bool = True) -> PictureFeed:
     """Open the pictures of a camera. An unplugged camera is no error: it is not ready.
+
+    Args:
+        context: of the plugin.
+        name: the camera's name.
+        settings: its settings.
+        is_drawn: as in `SimulatedFeed`.
 
     Raises:
         PluginError: there is no such simulated camera, or a file or folder is missing or unreadable.
     """
     if str(settings.source).startswith(SIMULATED):
-        return SimulatedFeed(context.simulated_camera(str(settings.source)), context.clock, settings.fps)
+        camera = context.simulated_camera(str(settings.source))
+        return SimulatedFeed(camera, context.clock, settings.fps, is_drawn=is_drawn)
     source = PictureSource.of(settings.source)
     opener = source.opener(loop=settings.loop, fps=settings.fps, fourcc=settings.fourcc, timeout_s=settings.timeout_s)
     if not source.kind.is_live:

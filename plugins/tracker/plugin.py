@@ -37,7 +37,7 @@ def connect(context: PluginContext) -> TrackerPlugin:
     tracker = Tracker(context.robot, family, settings.markers, floor, set(context.services.markers.values()))
     try:
         for name, camera in settings.cameras.items():
-            tracker.add_camera(name, camera.lens.lens(), open_feed(context, name, camera))
+            tracker.add_camera(name, camera.lens.lens(), open_feed(context, name, camera, is_drawn=settings.drawn))
     except BaseException:
         tracker.close()
         raise

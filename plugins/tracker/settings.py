@@ -85,6 +85,8 @@ class Settings(PluginSettingsModel):
     """The markers on robots."""
     floor: tuple[FloorMarker, ...] | None = Field(default=None, strict=False)
     """Markers on the floor, by which the cameras find their poses; by default `markers.floor` of the world file."""
+    drawn: bool = True
+    """Draw the pictures of simulated cameras, and search them; if not, compute where the markers are in view."""
     family: FamilyName | None = None
     """Family of all markers; by default that of the world file, or 4x4_50."""
 

@@ -166,6 +166,9 @@ class Tracker:
         """Process the newest pictures and return the cameras that have one."""
         with self._lock:
             self._update()
+            for name, camera in self.cameras.items():
+                if camera.stamp_s is not None and camera.picture is None:
+                    camera.picture, _ = self._feeds[name].newest()
             return tuple(camera for camera in self.cameras.values() if camera.picture is not None)
 
     def _update(self) -> None:
@@ -174,14 +177,18 @@ class Tracker:
             camera = self.cameras[name]
             self._live.add(name)
             try:
-                picture, stamp_s = feed.newest()
+                known = feed.known()
+                picture, stamp_s = feed.newest() if known is None else (None, known[1])
             except NotReadyError as error:
                 self._live.discard(name)
                 failed = [TrackingProblem("camera_not_ready", name, None, error.message, camera.stamp_s or 0.0)]
                 self._problems.replace(["camera_not_ready"], name, failed)
                 continue
             self._problems.replace(["camera_not_ready"], name, [])
-            camera.process(picture, stamp_s)
+            if known is not None:
+                camera.take(*known)
+            elif picture is not None:
+                camera.process(picture, stamp_s)
             if self._begun_s is None:
                 self._begun_s = stamp_s
             self._seen_s |= dict.fromkeys(camera.sightings, stamp_s)

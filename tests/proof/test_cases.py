@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from eal_actors.kernel.bundled import bundled_path
 from eal_actors.lab.proof.cases import KILLED, FaultCase, Position, plan_cases, single_faults
+from eal_actors.lab.proof.fleet_files import fleet_content, with_quick_settings
+from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.manifest import FaultSection
 
 FAULTS = {
@@ -49,3 +52,13 @@ def test_with_a_large_budget_no_single_fault_is_left_out() -> None:
     plan = plan_cases(singles(), 100, seed=1)
     assert plan[:6] == singles()
     assert len(set(map(str, plan[6:]))) == len(plan) - 6 == 4  # every pair of faults in different steps
+
+
+def test_nothing_is_drawn_in_a_proof_that_nobody_sees() -> None:
+    """Pictures of the tracker took half of the time."""
+    config = EALConfigManager.load(bundled_path("fleets/relay.yaml")).fleet
+    content = fleet_content(config, None)
+    quick = with_quick_settings(content, config.plugin_dirs)
+    tracker = quick["robots"]["cameras-1"]["plugins"].pop("tracker")
+    assert tracker == {**content["robots"]["cameras-1"]["plugins"].pop("tracker"), "drawn": False}
+    assert quick == content

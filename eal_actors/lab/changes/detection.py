@@ -90,14 +90,20 @@ def _dissimilarity(one: _Floats, other: _Floats, slack_px: int) -> _Floats:
     height, width, _ = one.shape
     edge = cv2.copyMakeBorder(other, *(slack_px,) * 4, cv2.BORDER_REPLICATE)
     around = np.ones((3, 3), np.uint8)
-    darkest, brightest = cv2.erode(edge, around), cv2.dilate(edge, around)
+    darkest, brightest = _planes(cv2.erode(edge, around)), _planes(cv2.dilate(edge, around))
+    planes = _planes(one)
     best = np.full((height, width), np.inf, np.float32)
     for down in range(0, 2 * slack_px + 1, 2):  # the neighbours cover the skipped shifts
         for right in range(0, 2 * slack_px + 1, 2):
-            here = np.s_[down : down + height, right : right + width]
-            beyond = np.maximum(one - brightest[here], darkest[here] - one).max(axis=2)
+            here = np.s_[:, down : down + height, right : right + width]
+            beyond = np.maximum(planes - brightest[here], darkest[here] - planes).max(axis=0)
             np.minimum(best, cv2.blur(np.maximum(beyond, 0.0), (_SPOT_PX, _SPOT_PX)), out=best)
     return best
+
+
+def _planes(image: NDArray[Any]) -> _Floats:
+    """Return the colours of a picture one after the other, (3, h, w): the largest of three is found much faster."""
+    return np.ascontiguousarray(image.transpose(2, 0, 1), np.float32)
 
 
 def _find_boxes(mask: NDArray[np.uint8], scale: float, width: int, height: int, least_share: float) -> Changes:

@@ -77,6 +77,21 @@ def injectable_faults(config: FleetConfig) -> dict[str, tuple[str, Mapping[str, 
     }
 
 
+def with_quick_settings(content: Content, plugin_dirs: Iterable[Path]) -> Content:
+    """Return a fleet whose plugins have the settings that their manifests declare as quick."""
+    manifests, _ = discover(plugin_dirs)
+
+    def quick(instance: str, settings: Mapping[str, Any]) -> dict[str, Any]:
+        manifest = manifests.get(settings.get("plugin", instance))
+        return {**settings, **(manifest.file.quick if manifest is not None else {})}
+
+    robots = {
+        name: {**robot, "plugins": {instance: quick(instance, one) for instance, one in robot["plugins"].items()}}
+        for name, robot in content["robots"].items()
+    }
+    return {**content, "robots": robots}
+
+
 def with_faults(content: Content, faults: Iterable[InjectedFault]) -> Content:
     """Return a fleet with more faults of its robots; faults of the controller are not among them."""
     robots = dict(content["robots"])

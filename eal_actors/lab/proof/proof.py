@@ -23,7 +23,13 @@ from eal_actors.lab.proof.cases import (
     single_faults,
 )
 from eal_actors.lab.proof.findings import LEAST_FLEET, REPLAY
-from eal_actors.lab.proof.fleet_files import Content, fleet_content, injectable_faults, load_content
+from eal_actors.lab.proof.fleet_files import (
+    Content,
+    fleet_content,
+    injectable_faults,
+    load_content,
+    with_quick_settings,
+)
 from eal_actors.lab.proof.invariants import Trials, Violation, judge
 from eal_actors.lab.proof.shrinking import LeastCase, ProofWorker, ShrinkTask, task_of
 from eal_actors.lab.proof.trial import Trial, TrialTask, TrialWorker
@@ -183,7 +189,8 @@ def prove(request: ProofRequest, on_case: OnCase = lambda _case, _count: None) -
     bound = {name for names in find_candidates(scenario, request.config, request.binding).values() for name in names}
     twins = simulated(request.config, bound, request.keep)
     prepare_folder(request.out)
-    content = fleet_content(twins.config, _write_world(twins.config, request.out))
+    whole = fleet_content(twins.config, _write_world(twins.config, request.out))
+    content = with_quick_settings(whole, twins.config.plugin_dirs)
     _dry_run(request, content)
     healthy = _healthy_trial(request, content)
     positions = find_positions(_require_done(healthy))

@@ -201,3 +201,40 @@ def test_rays_and_pixels_of_a_lens_are_inverse() -> None:
     pixels = np.random.default_rng(3).uniform((0, 0), (1280, 960), (50, 2))
     points = np.column_stack([lens.rays(pixels), np.ones(50)])
     assert np.allclose(lens.pixels(points, np.zeros(3), np.zeros(3)), pixels, atol=1e-3)
+
+
+def test_markers_without_pictures_are_where_they_are_found_in_pictures() -> None:
+    drawn, computed = small_arena(), small_arena(drawn=False)
+    for arena in (drawn, computed):
+        arena.drive()
+    for _ in range(6):
+        fixes = computed.step()
+        assert len(drawn.step().fixes) == len(fixes.fixes) == 3
+        assert np.abs(computed.errors(fixes)[:, :2]).max() < 0.001
+        views = (
+            {one.number: one.corners for one in arena.tracker.cameras["ceiling"].detections}
+            for arena in (drawn, computed)
+        )
+        found, known = views
+        assert set(found) <= set(known)
+        assert max(np.abs(found[number] - known[number]).max() for number in found) < 0.5
+    assert computed.kinds() == {}
+    assert computed.tracker.cameras["ceiling"].picture is None  # nothing was drawn
+    assert computed.tracker.look()[0].picture is not None  # until somebody looks
+
+
+@pytest.mark.parametrize("drawn", [True, False])
+def test_a_marker_behind_a_higher_robot_is_hidden(drawn: bool) -> None:
+    low = {**SMALL, "x_m": -1.6, "z_m": 1.2, "yaw_deg": 0.0, "tilt_deg": 45.0, "fov_deg": 90.0}
+    model = world_model({"ceiling": low}, size_m=(4.2, 3.4))
+    markers = model.markers.model_copy(update={"size_m": 0.2})
+    arena = Arena(3, model=model.model_copy(update={"markers": markers}), markers=groups(3, 0.2), drawn=drawn)
+    tall, roomba = arena.robots[1:]
+    for tall_at, is_seen in (((0.0, 1.2, 0.0), True), ((-0.18, -0.3, 0.0), False)):
+        with arena.world.lock:
+            arena.world.carry(roomba, (0.2, -0.3, 0.0))
+            arena.world.carry(tall, tall_at)
+        arena.clock.advance(1.0)
+        arena.tracker.report(arena.clock.now())
+        seen = {one.number for one in arena.tracker.cameras["ceiling"].detections}
+        assert (2 in seen) is is_seen, tall_at
