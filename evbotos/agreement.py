@@ -61,7 +61,7 @@ class Agreement(StrictModel):
 
 
 _LAYERS: Final = {"meta-raspberrypi": ("https://git.yoctoproject.org/meta-raspberrypi", "wrynose")}
-"""Further layers: repository and branch; meta-raspberrypi has no branch for the series yet."""
+"""Further layers: repository and branch."""
 
 
 def load_agreement(folder: Path = FOLDER) -> Agreement:

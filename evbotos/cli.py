@@ -19,6 +19,7 @@ from evbotos.definitions import Definitions, load_definitions
 from evbotos.disk import parts_of
 from evbotos.errors import BuildError
 from evbotos.flash_command import flash
+from evbotos.fleet_command import fleet_app
 from evbotos.lock import read_lock
 from evbotos.model import Image, Platform
 from evbotos.plan import make_plan
@@ -60,6 +61,7 @@ app.command("run")(run_image)
 app.command("provision")(provision)
 app.command("claim")(claim)
 app.command("cve")(cve)
+app.add_typer(fleet_app, name="fleet")
 
 _PlatformArgument = Annotated[str, typer.Argument(metavar="PLATFORM", help="The board: see `evbotos list`.")]
 _ImageArgument = Annotated[str, typer.Argument(metavar="[IMAGE]", help="What goes onto it.")]

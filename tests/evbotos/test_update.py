@@ -6,30 +6,19 @@ import importlib
 import json
 import os
 import tarfile
-from contextlib import nullcontext
-from dataclasses import asdict
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from types import ModuleType
 from typing import Any
 
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
 
 from evbotos.errors import BuildError, UpdateError
-from evbotos.fields import ROOTFS
 from evbotos.slot_command import slot
 from evbotos.slots import state_block
-from evbotos.update import write_update
-from evbotos.verity import Verity
-from tests.evbotos.proof import parse_choice
+from tests.evbotos.machine_rig import KEY, OWN, VERITY, bundle, choice, hash_of, prepare_machine, program
 
-KEY = Ed25519PrivateKey.from_private_bytes(bytes(range(32)))
 STATE = "evbotos_update.slot_state"
-OWN = "7.0.0.1700000000"
-VERITY = Verity(1, "ab" * 32, "cd" * 16)
-PUBLIC = KEY.public_key().public_bytes(Encoding.Raw, PublicFormat.Raw)
 
 
 def _has_openssl() -> bool:
@@ -46,72 +35,16 @@ pytestmark = pytest.mark.skipif(not _has_openssl(), reason="libcrypto.so.3 is no
 @pytest.fixture
 def robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     """The program of the image, with folders in place of its partitions."""
-    monkeypatch.syspath_prepend(ROOTFS / "services/update/usr/lib/evbotos")
-    module, state = importlib.import_module("evbotos_update.install"), importlib.import_module(STATE)
-    for name, place in (("STATE", ""), ("BOOT", ""), ("ABOUT", ""), ("VERIFIED", "dm-0")):
-        monkeypatch.setattr(module, name, tmp_path / place)
-    monkeypatch.setattr(module, "KEYS", (tmp_path / "none", tmp_path / "update_key"))
-    for name in ("STATE", "BOOT"):
-        monkeypatch.setattr(state, name, tmp_path)
-    for part in (module, state):
-        monkeypatch.setattr(part, "writable_boot", nullcontext)
-    (tmp_path / "slot").write_text("a\n")
-    (tmp_path / "slot-b").write_text(f"{tmp_path}/device-b\n")
-    (tmp_path / "device-b").write_bytes(b"o" * 5000)
-    (tmp_path / "vmlinuz-b").write_bytes(b"o" * 3000)
-    (tmp_path / "slots.env").write_bytes(state_block({"good": "a", "try": "", "starts": "x", "floor": ""}))
-    (tmp_path / "root-b.env").write_bytes(state_block({}))
-    (tmp_path / "manifest.json").write_text(json.dumps({"release": OWN}))
-    (tmp_path / "update_key").write_text(PUBLIC.hex())
-    (tmp_path / "platform").write_text("board\n")
-    return module
-
-
-def bundle(
-    *,
-    platform: str = "board",
-    key: Ed25519PrivateKey = KEY,
-    root: bytes = b"R" * 4000,
-    flip_at: int | None = None,
-    release: str = OWN,
-) -> bytes:
-    """Return an update as `evbotos slot` makes it; with a byte of its root changed after signing, if told so."""
-    with TemporaryDirectory() as name:
-        built = Path(name)
-        (built / "kernel").write_bytes(b"K" * 2000)
-        (built / "root.squashfs").write_bytes(root)
-        report = {
-            "platform": platform,
-            "image": "robot",
-            "eal_actors": "7",
-            "epoch": 1_700_000_000,
-            "release": release,
-            "verity": asdict(VERITY),
-        }
-        (built / "manifest.json").write_text(json.dumps(report))
-        (built / "key.pem").write_bytes(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
-        write_update(built, built / "key.pem", built / "update.tar")
-        content = bytearray((built / "update.tar").read_bytes())
-    if flip_at is not None:
-        content[content.index(root) + flip_at] ^= 1
-    return bytes(content)
+    prepare_machine(tmp_path, monkeypatch)
+    return program("install", monkeypatch)
 
 
 def install(robot: Any, update: bytes) -> None:
     """Install an update that comes through a pipe, as by SSH."""
-    path = robot.BOOT / "update.tar"
+    path = robot.installation.STATE / "update.tar"
     path.write_bytes(update)
     with path.open("rb") as stream:
         robot.install(stream)
-
-
-def hash_of(folder: Path) -> dict[str, str]:
-    """Return the variables of the other slot's hash file."""
-    return parse_choice((folder / "root-b.env").read_bytes())
-
-
-def choice(folder: Path) -> dict[str, str]:
-    return parse_choice((folder / "slots.env").read_bytes())
 
 
 def test_a_signed_update_is_written_and_tried_once(robot: Any, tmp_path: Path) -> None:
@@ -126,16 +59,16 @@ def test_a_good_slot_that_came_up_is_counted_from_nought_again_and_an_update_sta
     robot: Any, tmp_path: Path
 ) -> None:
     install(robot, bundle())
-    robot.mark_good()
+    robot.installation.mark_good()
     assert choice(tmp_path) == {"good": "a", "try": "b", "starts": "", "floor": OWN}
 
 
 def test_a_slot_is_good_once_the_system_in_it_says_so(robot: Any, tmp_path: Path) -> None:
     install(robot, bundle())
     (tmp_path / "slot").write_text("b\n")
-    assert not robot.is_good()
-    robot.mark_good()
-    assert robot.is_good()
+    assert not robot.installation.is_good()
+    robot.installation.mark_good()
+    assert robot.installation.is_good()
     assert choice(tmp_path) == {"good": "b", "try": "", "starts": "", "floor": OWN}
 
 
@@ -161,9 +94,9 @@ def test_what_is_refused_by_its_manifest_writes_nothing(robot: Any, tmp_path: Pa
 def test_the_floor_rises_when_a_slot_is_good_and_never_falls(robot: Any, tmp_path: Path) -> None:
     newer = "7.1.0.1700000001"
     (tmp_path / "manifest.json").write_text(json.dumps({"release": newer}))
-    robot.mark_good()
+    robot.installation.mark_good()
     (tmp_path / "manifest.json").write_text(json.dumps({"release": OWN}))  # the older slot starts again
-    robot.mark_good()
+    robot.installation.mark_good()
     assert choice(tmp_path)["floor"] == newer
     with pytest.raises(robot.RefusedError, match=f"{OWN} is older than {newer}"):
         install(robot, bundle())
@@ -219,9 +152,9 @@ def test_only_one_update_is_installed_at_a_time(robot: Any) -> None:
 
 def test_a_changed_root_is_read_to_its_end_before_it_is_good(robot: Any, tmp_path: Path) -> None:
     (tmp_path / "dm-0").write_bytes(b"R" * 3_000_000)
-    assert robot._read_through(tmp_path / "dm-0", 3_000_000) == hashlib.sha256(b"R" * 3_000_000).hexdigest()
+    assert robot.installation.read_through(tmp_path / "dm-0", 3_000_000) == hashlib.sha256(b"R" * 3_000_000).hexdigest()
     with pytest.raises(robot.RefusedError, match="dm-0 ends 1 bytes too early"):
-        robot._read_through(tmp_path / "dm-0", 3_000_001)
+        robot.installation.read_through(tmp_path / "dm-0", 3_000_001)
 
 
 def test_a_robot_without_a_key_takes_no_update(robot: Any, tmp_path: Path) -> None:
@@ -236,7 +169,7 @@ def test_a_robot_without_a_key_takes_no_update(robot: Any, tmp_path: Path) -> No
 def test_a_manifest_of_an_older_tool_is_refused(robot: Any) -> None:
     signed = json.dumps({"platform": "board"}).encode()
     with pytest.raises(robot.RefusedError, match="its manifest lacks image, kernel, release, root, verity, version"):
-        robot._trusted(signed, KEY.sign(signed))
+        robot.installation.trusted(signed, KEY.sign(signed))
 
 
 def test_the_same_build_and_key_give_the_same_update() -> None:
