@@ -17,7 +17,7 @@ EVBOTOS_TOOLS := apt bc binutils bison cryptsetup-bin device-tree-compiler dosfs
 	grub-common libelf-dev libssl-dev make mtools openssh-client qemu-system-arm qemu-system-x86 squashfs-tools \
 	tar u-boot-tools xz-utils zstd
 
-.PHONY: lock locked sbom demo demo-aarch64 demo-network demo-standards lab test test-slow check docs bench bench-peers bench-scale bench-go bench-panorama bench-proof bench-lookahead soak fuzz fuzz-motions figures format evbotos-setup test-evbotos test-bitbake clean help
+.PHONY: lock locked sbom demo demo-aarch64 demo-network demo-standards lab test test-slow check docs bench bench-peers bench-scale bench-go bench-panorama bench-proof bench-lookahead soak fuzz fuzz-motions figures format evbotos-setup test-evbotos test-fleet-update test-bitbake clean help
 
 help:  ## show this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -135,6 +135,9 @@ evbotos-setup:  ## install the programs that build and test images of EvBotOS (D
 test-evbotos: $(STAMP)  ## build images, boot them in QEMU and test them, with updates and power cuts; and input devices, in a guest
 	@$(BIN)/python -m pip install --quiet 'evdev>=1.9' || echo "evdev could not be installed; input devices are left out"
 	$(BIN)/python -m pytest tests/evbotos -m evbotos -rA --timeout=3600
+
+test-fleet-update: $(STAMP)  ## update ten robots over TLS, with a power cut and a failure, each robot in processes of its own
+	EVBOTOS_ROBOTS=10 $(PYTEST) -n 0 --timeout=3600 tests/evbotos/test_update_of_ten.py
 
 test-bitbake: $(STAMP)  ## plan the OpenEmbedded images with real BitBake from a folder of git mirrors: MIRRORS=/srv/git
 	@$(BIN)/python -m tests.evbotos.bitbake $(MIRRORS)

@@ -1,4 +1,4 @@
-"""What of an update a robot lacks: pieces to send, and pieces that it copies from the system that it runs.
+"""The part of an update that a robot lacks: pieces to send, and pieces that it copies from the system that it runs.
 
 The robot names digests of its blocks of 4096 bytes. A block that is in place already, as after an interrupted push, is
 left out. The others are searched at every offset of the new file, as rsync does, because one changed file shifts all

@@ -8,10 +8,10 @@ import tarfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from eal_actors import Fleet, ResourceHandle
-from eal_actors.kernel.errors import EALError, UnavailableError
+from eal_actors.kernel.errors import EALError, ResourceNotFoundError, UnavailableError
 from eal_actors.kernel.yaml_source import load_yaml
 from evbotos.delta import messages, missing_pieces
 from evbotos.errors import BuildError, UpdateError
@@ -70,21 +70,20 @@ class FleetRobots:
     def standing(self, robot: str) -> Standing | None:
         """Return what a robot says; None if it does not answer."""
         try:
-            answer = self._update_of(robot).send_req("status", timeout_s=_STATUS_S).get()
+            fields = self._status(robot)
         except EALError:
             return None
-        return Standing(**json.loads(answer.value))
+        return Standing(**fields) if fields else None
 
     def unsuited(self, robot: str) -> str | None:
         """Return why a robot that answers takes no updates; None if it is absent."""
-        handle = self.fleet[robot]
         try:
-            handle.ping().get()
+            self.fleet[robot].ping().get()
+            return None if self._status(robot) else "it does not run EvBotOS with two slots"
+        except ResourceNotFoundError:
+            return "its fleet file has no plugin evbotos"
         except EALError:
             return None
-        if RESOURCE not in handle:
-            return "its fleet file has no plugin evbotos"
-        return handle.not_ready.get(RESOURCE)
 
     def used_by(self, robot: str) -> str | None:
         """Return the controller that uses a robot now; None if nobody does."""
@@ -159,6 +158,9 @@ class FleetRobots:
         except BuildError as error:
             return str(error)
         return None
+
+    def _status(self, robot: str) -> dict[str, Any]:
+        return dict(json.loads(self._update_of(robot).send_req("status", timeout_s=_STATUS_S).get().value))
 
     def _update_of(self, robot: str) -> ResourceHandle:
         return self.fleet[robot][RESOURCE]

@@ -21,7 +21,7 @@ LOOK_S: Final = 1.0
 
 
 class Outcome(enum.Enum):
-    """What became of a robot."""
+    """The result for a robot."""
 
     UPDATED = "updated"
     ABSENT = "absent"
@@ -46,7 +46,7 @@ class Stage(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """What a robot says of its slots.
+    """The state of a robot's slots, as it reports it.
 
     Attributes:
         start: identifies this start of the machine.

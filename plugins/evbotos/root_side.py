@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
-from eal_actors.plugin import ArgumentError, Clock, NotReadyError
+from eal_actors.plugin import ArgumentError, Clock, NotReadyError, UnsupportedError
 
 _SOCKET: Final = "update.sock"
 _WAKE: Final = "update.wake"
@@ -33,13 +33,9 @@ class RootSide:
         self._socket: socket.socket | None = None
         self._is_busy = False
 
-    def why_absent(self) -> str | None:
-        """Return why there is nobody to ask; None if there is."""
-        if (self._state / _WAKE).exists():
-            return None
-        if not (self._state / "slot").is_file():
-            return "this computer does not run EvBotOS with two slots"
-        return "the running slot is not good yet; it is after its robot has served for five seconds"
+    def exists(self) -> bool:
+        """Return whether this computer runs EvBotOS with two slots."""
+        return (self._state / "slot").is_file()
 
     def close(self) -> None:
         """End the connection."""
@@ -52,8 +48,13 @@ class RootSide:
 
         Raises:
             ArgumentError: the program refuses it.
-            NotReadyError: the program does not start, or has ended.
+            NotReadyError: the program does not start or has ended, or the running slot is not good yet.
+            UnsupportedError: this computer has no such program.
         """
+        if not self.exists():
+            raise UnsupportedError("this computer does not run EvBotOS with two slots")
+        if not (self._state / _WAKE).exists():
+            raise NotReadyError("the running slot is not good yet; it is after its robot has served for five seconds")
         while self._is_busy:
             yield _LOOK_S
         self._is_busy, is_done = True, False

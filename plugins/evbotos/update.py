@@ -44,10 +44,6 @@ class Update(Resource):
         self._stage = ""
         self._is_receiving = False
 
-    def not_ready(self) -> str | None:
-        """Return why this machine takes no update."""
-        return self._root_side.why_absent()
-
     def close(self) -> None:
         """End the connection."""
         self._root_side.close()
@@ -67,6 +63,8 @@ class Update(Resource):
     @request("status", _JSON)
     def status(self) -> Generator[float, None, str]:
         """Return the slots' state: start, slot, good, due, release, platform, verity, other_verity."""
+        if not self._root_side.exists():
+            return "{}"
         answer = yield from self._root_side.ask("status")
         return answer.decode()
 
@@ -130,6 +128,8 @@ class Update(Resource):
         yield from self._root_side.ask("fall_back")
 
     def _digests(self, slot: str, part: str) -> Generator[float, None, bytes]:
+        if not self._root_side.exists():
+            return b""
         return (yield from self._root_side.ask("digests", slot=slot, part=part, size=1 << 40))
 
     def _write(self, payload: bytes) -> Generator[float, None, int]:

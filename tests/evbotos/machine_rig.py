@@ -32,14 +32,8 @@ def program(name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return importlib.import_module(f"evbotos_update.{name}")
 
 
-def prepare_machine(folder: Path, monkeypatch: pytest.MonkeyPatch, room: int = 5000) -> ModuleType:
-    """Make a folder a machine that runs slot a, and return the module `installation` of its programs.
-
-    Args:
-        folder: in place of the boot partition, the state and the description.
-        monkeypatch: leads the programs there.
-        room: the bytes of slot b.
-    """
+def point_at(folder: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """Give the programs a folder in place of partitions, state and description; return their module `installation`."""
     module, state = (program(name, monkeypatch) for name in ("installation", "slot_state"))
     for name, place in (("STATE", ""), ("BOOT", ""), ("ABOUT", ""), ("VERIFIED", "dm-0")):
         monkeypatch.setattr(module, name, folder / place)
@@ -48,6 +42,11 @@ def prepare_machine(folder: Path, monkeypatch: pytest.MonkeyPatch, room: int = 5
         monkeypatch.setattr(state, name, folder)
     for part in ("install", "serve", "slot_state"):
         monkeypatch.setattr(program(part, monkeypatch), "writable_boot", nullcontext)
+    return module
+
+
+def fill_machine(folder: Path, room: int = 5000) -> None:
+    """Make a folder a machine that runs slot a, whose slots have room for so many bytes."""
     (folder / "slot").write_text("a\n")
     for slot in "ab":
         (folder / f"slot-{slot}").write_text(f"{folder}/device-{slot}\n")
@@ -58,7 +57,12 @@ def prepare_machine(folder: Path, monkeypatch: pytest.MonkeyPatch, room: int = 5
     (folder / "manifest.json").write_text(json.dumps({"release": OWN}))
     (folder / "update_key").write_text(KEY.public_key().public_bytes(Encoding.Raw, PublicFormat.Raw).hex())
     (folder / "platform").write_text("board\n")
-    return module
+
+
+def prepare_machine(folder: Path, monkeypatch: pytest.MonkeyPatch, room: int = 5000) -> None:
+    """Make a folder a machine that runs slot a, and give the programs that folder."""
+    fill_machine(folder, room)
+    point_at(folder, monkeypatch)
 
 
 def bundle(
@@ -68,6 +72,7 @@ def bundle(
     root: bytes = b"R" * 4000,
     flip_at: int | None = None,
     release: str = OWN,
+    verity: Verity = VERITY,
 ) -> bytes:
     """Return an update as `evbotos slot` makes it; with a byte of its root changed after signing, if told so."""
     with TemporaryDirectory() as name:
@@ -80,7 +85,7 @@ def bundle(
             "eal_actors": "7",
             "epoch": 1_700_000_000,
             "release": release,
-            "verity": asdict(VERITY),
+            "verity": asdict(verity),
         }
         (built / "manifest.json").write_text(json.dumps(report))
         (built / "key.pem").write_bytes(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))

@@ -1,4 +1,4 @@
-"""What of a new system is sent, and what a robot copies from the one that it runs."""
+"""The pieces of a new system that are sent, and those that a robot copies from the one that it runs."""
 
 from __future__ import annotations
 

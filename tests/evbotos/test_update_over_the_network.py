@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from eal_actors import Fleet
-from eal_actors.kernel.errors import ArgumentError, NotReadyError
+from eal_actors.kernel.errors import ArgumentError, NotReadyError, UnsupportedError
 from eal_actors.managers.config import EALConfigManager
 from evbotos.delta import BLOCK
 from evbotos.errors import UpdateError
@@ -174,11 +174,15 @@ def test_a_computer_without_slots_takes_no_update(tmp_path: Path) -> None:
     plugins = {"evbotos": {"state": str(tmp_path)}}
     content = {"version": 1, "name": "f", "robots": {"ada": {"plugins": plugins}, "bob": {"plugins": {"sample": {}}}}}
     with Fleet(EALConfigManager.of(content, name="test").fleet).connect() as fleet:
-        with pytest.raises(NotReadyError, match="does not run EvBotOS with two slots"):
-            fleet["ada"]["Update"].send_req("status").get()
+        with pytest.raises(UnsupportedError, match="does not run EvBotOS with two slots"):
+            fleet["ada"]["Update"].send_cmd("finish").get()
         robots = FleetRobots(fleet, tmp_path / "fleet.yaml", None, lambda _robot, _words: None)
         update = update_in(tmp_path)
         assert set(update_fleet(robots, ["ada", "bob"], [update]).values()) == {Outcome.UNSUITED}
+        (tmp_path / "slot").write_text("a\n")  # it has slots, and its robot has just begun to serve
+        with pytest.raises(NotReadyError, match="the running slot is not good yet"):
+            fleet["ada"]["Update"].send_req("status").get()
+        assert update_fleet(robots, ["ada"], [update]) == {"ada": Outcome.ABSENT}
 
 
 def test_what_is_not_an_update_is_refused(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""What an update may do to the other slot, in the only safe order.
+"""Changes of the other slot by an update, in the only safe order.
 
 `begin` verifies the signature, platform, release and sizes before anything is written. Then it clears an earlier `try`
 and the slot's root hash; without a hash, the boot loader does not start the slot. `finish` reads both parts back,
