@@ -31,7 +31,7 @@ _HEAVY: Final = {"cv2", "mcap", "rosbags"}
 Names = Annotated[tuple[str, ...], Field(strict=False)]
 
 
-class Machine(StrictModel):
+class OpenEmbeddedMachine(StrictModel):
     """The OpenEmbedded name of a platform."""
 
     machine: str
@@ -56,7 +56,7 @@ class Agreement(StrictModel):
     """Files of the root that other OpenEmbedded packages provide."""
     in_sbin: Names
     """Programs with another path in OpenEmbedded."""
-    machines: dict[str, Machine] = Field(json_schema_extra=NAMES_ONLY)
+    machines: dict[str, OpenEmbeddedMachine] = Field(json_schema_extra=NAMES_ONLY)
     """By platform."""
 
 
@@ -190,7 +190,7 @@ def _light(names: list[str], manifests: dict[str, Any]) -> list[str]:
     ]
 
 
-def _project(machine: Machine) -> str:
+def _project(machine: OpenEmbeddedMachine) -> str:
     text = f"{_MADE}header:\n  version: 14\n  includes:\n    - evbotos/openembedded/kas/common.yml\n"
     text += f"machine: {machine.machine}\n"
     if machine.layers:

@@ -66,7 +66,7 @@ def _ssh_key(line: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Machine:
+class ArchitectureNames:
     """The names that the tools give an architecture."""
 
     kernel: str
@@ -76,10 +76,10 @@ class Machine:
 
 
 MACHINES: Final = {
-    "amd64": Machine("x86_64", "qemu-system-x86_64", "x86_64", is_pc=True),
-    "i386": Machine("i386", "qemu-system-i386", "i686", is_pc=True),
-    "armhf": Machine("arm", "qemu-system-arm", "armv7l"),
-    "arm64": Machine("arm64", "qemu-system-aarch64", "aarch64"),
+    "amd64": ArchitectureNames("x86_64", "qemu-system-x86_64", "x86_64", is_pc=True),
+    "i386": ArchitectureNames("i386", "qemu-system-i386", "i686", is_pc=True),
+    "armhf": ArchitectureNames("arm", "qemu-system-arm", "armv7l"),
+    "arm64": ArchitectureNames("arm64", "qemu-system-aarch64", "aarch64"),
 }
 
 

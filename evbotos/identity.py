@@ -12,15 +12,15 @@ import os
 import shutil
 import struct
 import tarfile
-from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
-from typing import Any, Final
+from typing import Final
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
 
 from eal_actors.kernel.yaml_source import load_yaml
+from eal_actors.kernel.yaml_tree import texts_in
 from evbotos.disk import START
 from evbotos.errors import BuildError
 from evbotos.hosttools import tool
@@ -54,7 +54,7 @@ def identity_files(fleet: Path, robot: str, access: dict[str, bytes], host_key: 
         raise BuildError(f"{fleet}: network.security.keys: {folder} is not below the fleet file's folder")
     keys = fleet.parent / folder
     own = [keys / name for name in ("ca.pem", f"{robot}.pem", f"{robot}.key", "revoked.txt")]
-    named = [fleet.parent / value for value in _texts(root) if _is_file_below(fleet.parent, value)]
+    named = [fleet.parent / value for value in texts_in(root) if _is_file_below(fleet.parent, value)]
     contents = {
         path.relative_to(fleet.parent).as_posix(): path.read_bytes() for path in (*own, *named) if path.is_file()
     }
@@ -64,17 +64,6 @@ def identity_files(fleet: Path, robot: str, access: dict[str, bytes], host_key: 
     if missing:
         raise BuildError(f"{keys} lacks {', '.join(missing)} of {robot}: eal keys robot {robot} --fleet {fleet}")
     return {**needed, HOST_KEY: dropbear_key(host_key)}
-
-
-def _texts(value: Any) -> Iterable[str]:
-    if isinstance(value, dict):
-        for item in value.values():
-            yield from _texts(item)
-    elif isinstance(value, list):
-        for item in value:
-            yield from _texts(item)
-    elif isinstance(value, str):
-        yield value
 
 
 def _is_file_below(folder: Path, value: str) -> bool:

@@ -9,7 +9,7 @@ from evbotos.model import Architecture
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
+class CompilerTarget:
     """Compiler settings of an architecture.
 
     Attributes:
@@ -25,14 +25,16 @@ class Target:
     flags: str
 
 
-TARGETS: Final[dict[Architecture, Target]] = {
-    "amd64": Target("x86_64-linux-gnu-", "gcc", "x86_64-linux-gnu", ""),
-    "arm64": Target("aarch64-linux-gnu-", "gcc-aarch64-linux-gnu", "aarch64-linux-gnu", ""),
-    "armhf": Target(
+TARGETS: Final[dict[Architecture, CompilerTarget]] = {
+    "amd64": CompilerTarget("x86_64-linux-gnu-", "gcc", "x86_64-linux-gnu", ""),
+    "arm64": CompilerTarget("aarch64-linux-gnu-", "gcc-aarch64-linux-gnu", "aarch64-linux-gnu", ""),
+    "armhf": CompilerTarget(
         "arm-linux-gnueabihf-",
         "gcc-arm-linux-gnueabihf",
         "arm-linux-gnueabihf",
         "-march=armv7-a -mfpu=vfpv3-d16 -mfloat-abi=hard",
     ),
-    "i386": Target("i686-linux-gnu-", "gcc-i686-linux-gnu", "i386-linux-gnu", "-march=i686 -msse2 -mfpmath=sse"),
+    "i386": CompilerTarget(
+        "i686-linux-gnu-", "gcc-i686-linux-gnu", "i386-linux-gnu", "-march=i686 -msse2 -mfpmath=sse"
+    ),
 }

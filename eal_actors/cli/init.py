@@ -10,7 +10,7 @@ import typer
 
 from eal_actors.cli.check import schema_of
 from eal_actors.cli.output import print_line, stdout
-from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.errors import ConfigError, Problem, unwritable_error
 
 SCHEMAS: Final = Path(".vscode/eal")
 """The folder of the schemas, below the prepared folder."""
@@ -44,7 +44,7 @@ def init_folder(
         recommended = list(dict.fromkeys([*wanted.get("recommendations", []), _EXTENSION]))
         _write(extensions, {**wanted, "recommendations": recommended})
     except OSError as error:
-        raise ConfigError([Problem(str(error.filename), 0, 0, "", f"cannot be written: {error.strerror}")]) from error
+        raise unwritable_error(error.filename, error) from error
     out = stdout()
     print_line(out, f"{settings}: YAML files of {folder.resolve().name} are completed and checked")
     print_line(out, "next: eal new fleet; eal new scenario", "dim")

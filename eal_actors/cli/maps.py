@@ -16,7 +16,7 @@ from eal_actors.device.world import WorldModel, load_world
 from eal_actors.facade.fleet import Fleet
 from eal_actors.facade.traffic.positions import radius_m_of
 from eal_actors.kernel.bundled import find_file
-from eal_actors.kernel.errors import ConfigError, PlaceNotFoundError, Problem, UnsupportedError
+from eal_actors.kernel.errors import PlaceNotFoundError, UnsupportedError, unwritable_error
 from eal_actors.kernel.yaml_source import load_yaml
 from eal_actors.recording import kept_world
 
@@ -183,7 +183,7 @@ def _save(source: _Source, inflated: OccupancyGrid, path: PlannedPath | None, fi
             world=source.world if source.is_drawn else None,
         )
     except OSError as error:
-        raise ConfigError([Problem(str(file), 0, 0, "", f"cannot be written: {error.strerror}")]) from error
+        raise unwritable_error(file, error) from error
     if drawn is None:
         raise typer.Exit(ExitCode.FAILED)
     print_line(stdout(), str(drawn))

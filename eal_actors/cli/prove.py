@@ -20,7 +20,7 @@ from eal_actors.cli.options import BindingsOption, JsonOption, KeepOption, Scena
 from eal_actors.cli.output import counted, new_table, print_line, stderr, stdout, write_json
 from eal_actors.cli.run_options import RunOptions, read_request
 from eal_actors.kernel.bundled import short_path
-from eal_actors.kernel.errors import ConfigError, Problem, UnsupportedError
+from eal_actors.kernel.errors import UnsupportedError, unwritable_error
 from eal_actors.lab.proof import Finding, Proof, ProofRequest, ProvenCase, prove
 from eal_actors.lab.proof.cases import KILLED
 from eal_actors.lab.proof.fleet_files import injectable_faults
@@ -83,8 +83,7 @@ def prove_scenario(
             proof = prove(asked, on_case)
         page = _write_page(proof, console)
     except OSError as error:
-        problem = Problem(str(error.filename or asked.out), 0, 0, "", f"cannot be written: {error.strerror}")
-        raise ConfigError([problem]) from error
+        raise unwritable_error(error.filename or asked.out, error) from error
     if as_json:
         write_json(_proof_as_json(proof, page))
     else:

@@ -22,7 +22,7 @@ from eal_actors.cli.output import counted, new_table, print_line, stderr, stdout
 from eal_actors.cli.run_options import parse_rate
 from eal_actors.facade.service import RobotService
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
-from eal_actors.kernel.errors import ConfigError, Problem, ScenarioError
+from eal_actors.kernel.errors import ConfigError, ScenarioError, unwritable_error
 from eal_actors.kernel.lock_step import MAX, Rate
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.config import EALConfigManager
@@ -252,4 +252,4 @@ def _write_text(file: Path, text: str) -> None:
     try:
         file.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise ConfigError([Problem(str(file), 0, 0, "", f"cannot be written: {error.strerror}")]) from error
+        raise unwritable_error(file, error) from error

@@ -11,7 +11,7 @@ from rich.tree import Tree
 
 from eal_actors.cli.options import JsonOption, ScenarioArgument, SettingsOption
 from eal_actors.cli.output import print_line, stdout, write_json
-from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.errors import unwritable_error
 from eal_actors.recording.outline_picture import draw_outline
 from eal_actors.scenario import load_scenario
 from eal_actors.scenario.language.parameters import read_settings, with_parameters
@@ -40,7 +40,7 @@ def show_scenario(
         try:
             svg.write_text(draw_outline(lines), encoding="utf-8")
         except OSError as error:
-            raise ConfigError([Problem(str(svg), 0, 0, "", f"cannot be written: {error.strerror}")]) from error
+            raise unwritable_error(svg, error) from error
     if as_json:
         write_json([{"depth": one.depth, "kind": one.kind, "text": one.text, "line": one.line} for one in lines])
         return

@@ -11,7 +11,7 @@ import typer
 from eal_actors.cli.options import EalCommand, EalCommandGroup
 from eal_actors.cli.output import counted, print_line, stdout
 from eal_actors.kernel.bundled import short_path
-from eal_actors.kernel.errors import ArgumentError, ConfigError, Problem, UnsupportedError
+from eal_actors.kernel.errors import ArgumentError, UnsupportedError, unwritable_error
 
 if TYPE_CHECKING:
     from eal_actors.lab.markers.prints import BoardSize
@@ -75,7 +75,7 @@ def print_markers(
     try:
         out.write_bytes(data)
     except OSError as error:
-        raise ConfigError([Problem(str(out), 0, 0, "", f"cannot be written: {error.strerror}")]) from error
+        raise unwritable_error(out, error) from error
     print_line(stdout(), f"{short_path(out)}: {counted(len(sheets), 'sheet')}, print at 100 %")
 
 

@@ -138,6 +138,11 @@ class ConfigError(EALError, ValueError):
         return type(self)(self.problems).at(self.robot, self.resource)
 
 
+def unwritable_error(file: object, error: OSError) -> ConfigError:
+    """Return the error of a file or folder that cannot be written."""
+    return ConfigError([Problem(str(file), 0, 0, "", f"cannot be written: {error.strerror}")])
+
+
 class PluginError(EALError, RuntimeError):
     """A plugin cannot be found or loaded, or does not provide what it names."""
 

@@ -95,7 +95,7 @@ def parse_yaml(
         _refuse(name, f"is larger than {limits.size} bytes")
     composer = _Composer(_decode(content, name), name, limits)
     node = composer.compose_top()
-    builder = _Builder(name, environment, composer.problems, limits)
+    builder = _ValueBuilder(name, environment, composer.problems, limits)
     if node is None or (isinstance(node, yaml.ScalarNode) and node.style is None and node.value == ""):
         _refuse(name, "is empty; the top level must be a mapping of keys to values")
     root = builder.build(node, ())
@@ -209,7 +209,7 @@ class _Composer(yaml.BaseLoader):
         raise ConfigError((*self.problems, Problem(self.file, line, column, "", message)))
 
 
-class _Builder:
+class _ValueBuilder:
     """Builds marked values from PyYAML's nodes."""
 
     def __init__(

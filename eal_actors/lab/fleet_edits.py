@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from eal_actors.kernel.bundled import is_installed
-from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.errors import ConfigError, Problem, unwritable_error
 from eal_actors.kernel.yaml_source import parse_yaml
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import new_identity
@@ -141,7 +141,7 @@ def read_text(file: Path) -> str | None:
     except FileNotFoundError:
         return None
     except OSError as error:
-        raise _unwritable(file, error) from error
+        raise unwritable_error(file, error) from error
 
 
 def _restore(file: Path, text: str | None) -> None:
@@ -162,8 +162,4 @@ def _replace_file(file: Path, text: str) -> None:
     except OSError as error:
         with suppress(OSError):
             trial.unlink(missing_ok=True)
-        raise _unwritable(file, error) from error
-
-
-def _unwritable(file: Path, error: OSError) -> ConfigError:
-    return ConfigError([Problem(str(file), 0, 0, "", f"cannot be written: {error.strerror}")])
+        raise unwritable_error(file, error) from error

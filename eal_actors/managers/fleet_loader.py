@@ -38,19 +38,19 @@ from eal_actors.managers.pose_check import pose_problems
 
 def load_fleet(path: str | Path, environment: Mapping[str, str]) -> FleetConfig:
     """Read a fleet file and what it refers to; arguments and errors as for `EALConfigManager.load`."""
-    reader = _Reader(environment)
+    reader = _FleetFileReader(environment)
     source = find_file(path, "fleet")
     return _resolved(reader, reader.read(source, ()), source)
 
 
 def fleet_of(content: Mapping[str, object], name: str, environment: Mapping[str, str]) -> FleetConfig:
     """Build a fleet from the content of its file; arguments and errors as for `EALConfigManager.of`."""
-    reader = _Reader(environment)
+    reader = _FleetFileReader(environment)
     source = Path(name)
     return _resolved(reader, reader.take(tree_of(content, name), (source,)), source)
 
 
-def _resolved(reader: _Reader, root: MarkedDict | None, source: Path) -> FleetConfig:
+def _resolved(reader: _FleetFileReader, root: MarkedDict | None, source: Path) -> FleetConfig:
     """Build a fleet from merged files; raises ConfigError with every problem."""
     if root is None:
         raise ConfigError(reader.problems)
@@ -83,7 +83,7 @@ def _resolved(reader: _Reader, root: MarkedDict | None, source: Path) -> FleetCo
     )
 
 
-class _Reader:
+class _FleetFileReader:
     """Reads a fleet file merged over the files it includes, and checks each file by itself.
 
     Attributes:

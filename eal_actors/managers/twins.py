@@ -5,13 +5,13 @@ Which simulated robot replaces the robot of a driver is declared as `twin` in th
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.lock_step import MAX
-from eal_actors.kernel.yaml_tree import MarkedDict, YamlTree
+from eal_actors.kernel.yaml_tree import MarkedDict, YamlTree, texts_in
 from eal_actors.managers.fleet_model import FleetConfig, PluginSettings, RobotConfig
 from eal_actors.managers.manifest import PluginManifest, TwinSection, discover
 
@@ -49,7 +49,7 @@ def simulated(config: FleetConfig, needed: Iterable[str], keep: Collection[str] 
     Raises:
         ConfigError: a needed robot cannot be simulated.
     """
-    builder = _Builder(config, frozenset(keep))
+    builder = _TwinBuilder(config, frozenset(keep))
     required = frozenset(needed)
     robots: dict[str, RobotConfig] = {}
     problems: list[Problem] = []
@@ -67,7 +67,7 @@ def simulated(config: FleetConfig, needed: Iterable[str], keep: Collection[str] 
     return SimulatedFleet(fleet, builder.replaced, builder.left_out, builder.bodies)
 
 
-class _Builder:
+class _TwinBuilder:
     """Builds the simulated robots of one fleet."""
 
     def __init__(self, config: FleetConfig, keep: frozenset[str]) -> None:
@@ -117,7 +117,7 @@ class _Builder:
     def _observes_world(self, plugin: PluginSettings) -> bool:
         """Return whether a plugin has a part, such as one of its cameras, in the simulated world."""
         parts = (value for value in plugin.settings.values() if not isinstance(value, str))
-        return any(text.startswith(tuple(self._worlds.values())) for part in parts for text in _texts(part))
+        return any(text.startswith(tuple(self._worlds.values())) for part in parts for text in texts_in(part))
 
     def _body_of(self, robot: RobotConfig, plugin: PluginSettings) -> str | None:
         """Return the body that a plugin drives in the simulated world; None if it is not simulated."""
@@ -138,18 +138,6 @@ def world_urls(manifests: Mapping[str, PluginManifest]) -> dict[str, str]:
         for name, manifest in manifests.items()
         if manifest.file.simulation is not None
     }
-
-
-def _texts(value: object) -> Iterator[str]:
-    """Yield every text in nested mappings and lists."""
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, Mapping):
-        for part in value.values():
-            yield from _texts(part)
-    elif isinstance(value, list):
-        for part in value:
-            yield from _texts(part)
 
 
 def _describe(twin: TwinSection) -> str:

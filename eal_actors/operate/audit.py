@@ -21,7 +21,7 @@ from typing import Any, Final
 from typing_extensions import override
 
 from eal_actors.kernel.clock import wall_time
-from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.errors import ConfigError, Problem, unwritable_error
 from eal_actors.kernel.log import get_logger
 
 AUDIT_FILE: Final = "audit.jsonl"
@@ -53,8 +53,7 @@ class AuditLog:
                 folder.mkdir(parents=True, exist_ok=True)
                 handler = _PrivateFile(folder / AUDIT_FILE, maxBytes=_MOST_BYTES, backupCount=_OLDER_FILES)
             except OSError as error:
-                place = str(folder / AUDIT_FILE)
-                raise ConfigError([Problem(place, 0, 0, "", f"cannot be written: {error.strerror}")]) from error
+                raise unwritable_error(folder / AUDIT_FILE, error) from error
             self._listener = QueueListener(self._queue, handler)
 
     def start(self) -> None:

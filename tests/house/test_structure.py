@@ -93,14 +93,14 @@ def test_modules_import_one_way(folder: str) -> None:
     TopologicalSorter(imports).prepare()  # raises CycleError, with the modules
 
 
-def test_a_class_name_means_one_thing() -> None:
+@pytest.mark.parametrize("folders", [("eal_actors", "plugins"), ("evbotos",)])
+def test_a_class_name_means_one_thing(folders: tuple[str, ...]) -> None:
     """Names of the plugin API, of the thesis and of standard resources may recur."""
     may_recur = {"Settings", "EAL", "Base", "Battery", "BridgeSettings", "Bump", "Camera", "Odometry", "Pose", "Turret"}
     found: dict[str, list[str]] = {}
-    for file in modules("eal_actors", "plugins"):
+    for file in modules(*folders):
         for node in parts(file)[0]:
-            if not node.name.startswith("_"):
-                found.setdefault(node.name, []).append(str(file.relative_to(ROOT)))
+            found.setdefault(node.name, []).append(str(file.relative_to(ROOT)))
     twice = {name: files for name, files in found.items() if len(files) > 1 and name not in may_recur}
     assert not twice
 

@@ -15,7 +15,7 @@ from statistics import fmean, variance
 from typing import Final, Literal, TypeAlias
 
 from eal_actors.device.differential_base import NOMINAL, WheelCalibration
-from eal_actors.kernel.errors import ArgumentError, ConfigError, Problem
+from eal_actors.kernel.errors import ArgumentError, ConfigError, Problem, unwritable_error
 
 Pose: TypeAlias = tuple[float, float, float]
 """x and y in metres, yaw in radians, counter-clockwise and unwrapped."""
@@ -169,4 +169,4 @@ def write_square_ends(ends: SquareEnds, file: Path) -> None:
             writer.writerow(_COLUMNS)
             writer.writerows((way, f"{x_m:.4f}", f"{y_m:.4f}") for way in WAYS for x_m, y_m in ends.of(way))
     except OSError as error:
-        raise ConfigError([Problem(str(file), 0, 0, "", f"cannot be written: {error.strerror}")]) from error
+        raise unwritable_error(file, error) from error

@@ -14,7 +14,7 @@ from typing import Any, Final
 import cv2
 import numpy as np
 
-from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.errors import ConfigError, Problem, unwritable_error
 from eal_actors.lab.panorama.cylinder import Image
 from eal_actors.lab.panorama.stitching import Panorama
 
@@ -101,7 +101,7 @@ def save_panorama(panorama: Panorama, file: Path) -> None:
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(content.tobytes())
     except OSError as error:
-        raise ConfigError([Problem(str(file), 0, 0, "", f"cannot be written: {error.strerror}")]) from error
+        raise unwritable_error(file, error) from error
 
 
 def describe(panorama: Panorama, frames: CameraFrames) -> dict[str, Any]:

@@ -64,7 +64,7 @@ class PastSteps:
         Raises:
             ScenarioError: a step that was under way must not be repeated, or the record is not enough to continue.
         """
-        past, reader = cls(), _Reader(resumption, plan, fleet)
+        past, reader = cls(), _RecordJudge(resumption, plan, fleet)
         for event in resumption.since:
             match event["event"]:
                 case "step_started":
@@ -107,7 +107,7 @@ class PastSteps:
         return (robot, path) in self.under_way and all(self.begun[other, path] >= count for other in others)
 
 
-class _Reader:
+class _RecordJudge:
     """Judges the entries of a record."""
 
     def __init__(self, resumption: Resumption, plan: Plan, fleet: Fleet) -> None:

@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.errors import ConfigError, Problem, unwritable_error
 from eal_actors.kernel.strict_model import NAME_PATTERN
 from eal_actors.managers.network_model import SecurityConfig
 from eal_actors.wire.security.certificates import write_file
@@ -61,7 +61,7 @@ def revoke(folder: Path, names: Iterable[str]) -> frozenset[str]:
         try:
             write_file(file, "".join(f"{name}\n" for name in sorted(names)).encode(), 0o644)
         except OSError as error:
-            raise ConfigError([Problem(str(file), 0, 0, "", f"cannot be written: {error.strerror}")]) from error
+            raise unwritable_error(file, error) from error
     return names
 
 

@@ -130,7 +130,7 @@ def parse_expression(text: str) -> Expression:
         return Expression(text, None, flaws=(Flaw(_syntax_message(stripped, error), _lead(text) + offset),))
     except (RecursionError, MemoryError, ValueError):
         return Expression(text, None, flaws=(Flaw("is nested too deep, or contains invalid characters", 0),))
-    reader = _Reader(stripped, _lead(text))
+    reader = _TreeReader(stripped, _lead(text))
     reader.visit(tree, 0)
     names = tuple(Name(name, offset) for name, offset in reader.names.items())
     return Expression(
@@ -155,7 +155,7 @@ def _symbols(node: ast.AST) -> list[ast.AST]:
     return list(node.ops) if isinstance(node, ast.Compare) else []
 
 
-class _Reader:
+class _TreeReader:
     """Collects the variables, readings and flaws of an expression's tree."""
 
     def __init__(self, text: str, lead: int) -> None:
