@@ -12,7 +12,7 @@ A part differs from a single message in its length: a list of five items.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 from eal_actors.device.data import Payload
@@ -61,12 +61,21 @@ def is_part(envelope: bytes) -> bool:
 
 @dataclass(slots=True)
 class _Unfinished:
-    """Call of which some parts are missing."""
+    """Call of which some parts are missing.
 
-    content: bytearray
+    Its content grows with its parts, although its size is known: a sender that only ever begins calls would cost a
+    buffer of `total` bytes for each short message, and delay everything behind it in the reader's thread.
+    """
+
+    total: int
     envelope_bytes: int
     end_s: float
-    received: int = 0
+    content: bytearray = field(default_factory=bytearray)
+
+    @property
+    def room(self) -> int:
+        """Memory that it counts for: at least a part's, so that tiny calls cannot be many."""
+        return max(self.total, PART_BYTES)
 
 
 class PartStore:
@@ -81,8 +90,8 @@ class PartStore:
 
     @property
     def held_bytes(self) -> int:
-        """Memory of all unfinished calls."""
-        return sum(len(call.content) for call in self._unfinished.values())
+        """Memory that all unfinished calls may take."""
+        return sum(call.room for call in self._unfinished.values())
 
     def add(self, key: str, envelope: Buffer, payload: Buffer) -> tuple[bytes, Payload] | None:
         """Add a part; return the envelope and the payload of its call if it is complete.
@@ -99,26 +108,26 @@ class PartStore:
             raise ProtocolError(f"part: {len(payload)} bytes at {offset} of {total}, {envelope_bytes} in the envelope")
         place = key, number
         if offset == 0:
-            self._make_room(key, total)
-            self._unfinished[place] = _Unfinished(bytearray(total), envelope_bytes, self._clock.now() + MAX_AGE_S)
+            first = _Unfinished(total, envelope_bytes, self._clock.now() + MAX_AGE_S)
+            self._make_room(key, first)
+            self._unfinished[place] = first
         call = self._unfinished.get(place)
-        if call is None or call.received != offset or len(call.content) != total:
+        if call is None or len(call.content) != offset or call.total != total:
             self._unfinished.pop(place, None)
             return None
-        call.received += len(payload)
-        call.content[offset : call.received] = payload
-        if call.received < total:
+        call.content += payload
+        if len(call.content) < total:
             return None
         del self._unfinished[place]
         whole = memoryview(call.content).toreadonly()
         return bytes(whole[: call.envelope_bytes]), whole[call.envelope_bytes :]
 
-    def _make_room(self, key: str, total: int) -> None:
+    def _make_room(self, key: str, call: _Unfinished) -> None:
         """Forget calls that took too long; BusyError if there is no room for another one."""
         now_s = self._clock.now()
-        self._unfinished = {place: call for place, call in self._unfinished.items() if now_s < call.end_s}
+        self._unfinished = {place: it for place, it in self._unfinished.items() if now_s < it.end_s}
         caller = sender_of(key)
-        own = sum(len(call.content) for (other, _), call in self._unfinished.items() if sender_of(other) == caller)
+        own = sum(it.room for (other, _), it in self._unfinished.items() if sender_of(other) == caller)
         most = MAX_TOTAL_BYTES if caller == ANYBODY else MAX_BYTES
-        if own + total > most or self.held_bytes + total > MAX_TOTAL_BYTES:
+        if own + call.room > most or self.held_bytes + call.room > MAX_TOTAL_BYTES:
             raise BusyError("other large calls are on their way to the robot; call again, or one after another")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -99,3 +101,26 @@ def test_a_refused_call_is_answered_by_its_number() -> None:
     header = CallHeader("0" * 32, 70_000, 123_456, 60.0, 60.0, None, ("x" * 100,), "", 0.0, 0.0)
     assert sequence_at(encode_call(header)[0]) == 123_456
     assert [sequence_at(first) for first in (b"", b"\x92", bytes(100), b"\xc1" * 100)] == [0] * 4
+
+
+def test_tiny_calls_that_never_end_are_few() -> None:
+    store = parts.PartStore()
+    most = parts.MAX_BYTES // parts.PART_BYTES
+    for number in range(most):
+        assert store.add(ANNA, pack((3, number, 0, 2, 0), "part"), b"x") is None
+    with pytest.raises(BusyError):
+        store.add(ANNA, pack((3, most, 0, 2, 0), "part"), b"x")
+    assert store.add(BERT, pack((3, 0, 0, 2, 0), "part"), b"x") is None
+
+
+def test_who_only_begins_the_largest_calls_makes_no_buffers_for_them() -> None:
+    store = parts.PartStore()
+    tracemalloc.start()
+    try:
+        for number in range(100):
+            store.add(ANNA, *first_part(number, parts.MAX_BYTES))
+            store.add(ANNA, pack((3, number, 7, parts.MAX_BYTES, 0), "part"), b"x")  # not the next one
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 1024**2
