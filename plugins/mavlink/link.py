@@ -222,13 +222,8 @@ class MavLink:
         source = self._settings.system_id, protocol.AUTOPILOT
         if kind == "BAD_DATA" or (message.get_srcSystem(), message.get_srcComponent()) != source:
             return
-        fields = [value for value in message.to_dict().values() if isinstance(value, float)]
-        is_place = kind == "LOCAL_POSITION_NED"
-        if (is_place or kind == "ATTITUDE") and not all(map(math.isfinite, fields)):
-            self._log_once(f"a {kind} that is not finite is ignored")
-            return
-        if is_place and not is_plausible(message.x, message.y, message.z):
-            self._log_once("positions over 1,000 km from the start are ignored")
+        if (problem := _problem(kind, message)) is not None:
+            self._log_once(problem)
             return
         now_s = self._clock.now()
         if kind == "COMMAND_ACK":
@@ -389,3 +384,15 @@ def _open(settings: Settings) -> BytePort:
     if scheme == "udp":
         return UdpListener(host, int(port), settings.system_id)
     return open_tcp(host, int(port))
+
+
+def _problem(kind: str, message: Any) -> str | None:
+    """Return why a message is ignored; None if it is not."""
+    is_place = kind == "LOCAL_POSITION_NED"
+    if is_place or kind == "ATTITUDE":
+        fields = [value for value in message.to_dict().values() if isinstance(value, float)]
+        if not all(map(math.isfinite, fields)):
+            return f"a {kind} that is not finite is ignored"
+    if is_place and not is_plausible(message.x, message.y, message.z):
+        return "positions over 1,000 km from the start are ignored"
+    return None

@@ -101,17 +101,13 @@ class OrderBook:
         if not nodes or len(edges) != len(nodes) - 1:
             return f"{len(nodes)} nodes and {len(edges)} edges: there must be one edge between two nodes"
         first = nodes[0].sequence_id
-        problems = (self._node_problem(node, first + 2 * number) for number, node in enumerate(nodes))
+        problems = [self._node_problem(node, first + 2 * number) for number, node in enumerate(nodes)]
+        problems += [
+            _edge_problem(edge, first + 2 * number + 1, nodes[number].node_id, nodes[number + 1].node_id)
+            for number, edge in enumerate(edges)
+        ]
         if (problem := next(filter(None, problems), None)) is not None:
             return problem
-        for number, edge in enumerate(edges):
-            ends = nodes[number].node_id, nodes[number + 1].node_id
-            if edge.sequence_id != first + 2 * number + 1 or (edge.start_node_id, edge.end_node_id) != ends:
-                return f"edge {edge.edge_id} does not join {ends[0]} and {ends[1]}"
-            if edge.max_speed is not None and edge.max_speed <= 0:
-                return f"edge {edge.edge_id} has a maxSpeed of {edge.max_speed:g} m/s"
-            if edge.actions:
-                return f"edge {edge.edge_id} has actions; only nodes may have some"
         released = [one.released for pair in zip(nodes, [*edges, None], strict=True) for one in pair if one is not None]
         if not released[0] or released != sorted(released, reverse=True):
             return "released nodes and edges must come first"
@@ -178,3 +174,11 @@ def _refusal(order: Order, error_type: str, description: str) -> AgvError:
     return AgvError(
         error_type=error_type, error_level="WARNING", error_description=description, error_references=references
     )
+
+
+def _edge_problem(edge: Edge, sequence_id: int, start: str, end: str) -> str | None:
+    if edge.sequence_id != sequence_id or (edge.start_node_id, edge.end_node_id) != (start, end):
+        return f"edge {edge.edge_id} does not join {start} and {end}"
+    if edge.max_speed is not None and edge.max_speed <= 0:
+        return f"edge {edge.edge_id} has a maxSpeed of {edge.max_speed:g} m/s"
+    return f"edge {edge.edge_id} has actions; only nodes may have some" if edge.actions else None

@@ -48,7 +48,7 @@ STRANGE = {
 def test_strange_values_of_one_robot_spoil_no_record_of_another(tmp_path: Path, value: str) -> None:
     write_plugin(tmp_path, "honest", CODE.format(value=HONEST), "Probe", "Base")
     write_plugin(tmp_path, "strange", CODE.format(value=value), "Probe", "Base")
-    robots = {name: {"plugins": {name: {}}} for name in ("strange", "honest")}
+    robots: dict[str, object] = {name: {"plugins": {name: {}}} for name in ("strange", "honest")}
     fleet_file = tmp_path / "f.yaml"
     fleet_file.write_text(json.dumps({"version": 1, "name": "f", "plugin_dirs": ["plugins"], "robots": robots}))
     folder = tmp_path / "record"

@@ -21,6 +21,7 @@ from eal_actors.device.data.c_types import short_repr
 from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError
 from eal_actors.wire.format.packing import (
     MAX_CALL_BYTES,
+    MAX_WORD,
     PROTOCOL_VERSION,
     Buffer,
     checked_client,
@@ -31,6 +32,7 @@ from eal_actors.wire.format.packing import (
     checked_seconds,
     checked_text,
     checked_time,
+    checked_word,
     data_from,
     data_header,
     error_body,
@@ -50,10 +52,8 @@ _STATUS, _DATA, _ERROR, _FIELDS, _ACCEPTED = range(5)
 _NO_PAYLOAD: Final = b""
 _HEAD_BYTES: Final = 64
 """Bytes of a call's envelope that contain its number."""
-_MAX_WORD: Final = 256
 _NO_TIME: Final = (None, None, None)
-_NONE: Final = type(None)
-_READING: Final = int, bytes, int, int, float, float, _NONE, list, _NONE
+_READING: Final = int, bytes, int, int, float, float, type(None), list, type(None)
 _COMMAND: Final = *_READING, str, float, float
 _USUAL_CALLS: Final = frozenset({_READING, _COMMAND, (*_COMMAND, bool)})
 """Types of the fields of the usual calls; only their numbers and arguments need a further check."""
@@ -213,7 +213,7 @@ def decode_call(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> tuple[CallHe
         row = _checked_call(row)
     version, client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, about, *echo = row
     is_plain = math.isfinite(sum(echo[1:3], ttl_s + deadline_s))
-    if version != PROTOCOL_VERSION or epoch < 0 or sequence < 0 or not is_plain or (echo and len(echo[0]) > _MAX_WORD):
+    if version != PROTOCOL_VERSION or epoch < 0 or sequence < 0 or not is_plain or (echo and len(echo[0]) > MAX_WORD):
         _checked_call(row)
     for item in arguments:
         if type(item) is not str and type(item) is not int:
@@ -252,20 +252,12 @@ def _checked_call(row: object) -> list[Any]:
         None if start_s is None else checked_time(start_s, "call: start_s"),
         arguments,
         about,
-        "" if era is None else _checked_word(era, "call: era"),
+        "" if era is None else checked_word(era, "call: era"),
         0.0 if era is None else checked_time(echo_s, "call: echo_s"),
         0.0 if era is None else checked_time(held_s, "call: held_s"),
         more is not None and checked_flag(more, "call: has_more"),
-        "" if parent is None else _checked_word(parent, "call: traceparent"),
+        "" if parent is None else checked_word(parent, "call: traceparent"),
     ]
-
-
-def _checked_word(word: object, what: str) -> str:
-    """Return a short text, which may be kept as long as its call waits."""
-    text = checked_text(word, what)
-    if len(text) > _MAX_WORD:
-        raise ProtocolError(f"{what}: {len(text)} characters, more than {_MAX_WORD}")
-    return text
 
 
 def encode_reply(reply: CallReply, shared: SharedValue | None = None) -> tuple[bytes, Payload]:

@@ -27,6 +27,7 @@ MAX_CALL_BYTES: Final = 8 * 1024**2
 """Limit of the payload of a call. Robots have little memory, and each connected program may send to them."""
 MAX_ITEMS: Final = 4096
 """Limit of one list or map in an envelope, so that nested ones cannot make a reader allocate much memory."""
+MAX_WORD: Final = 256
 MAX_MESSAGE_CHARS: Final = 16_000
 """Longer error messages are truncated."""
 
@@ -284,4 +285,12 @@ def checked_text(text: object, what: str) -> str:
     """Return a str."""
     if type(text) is not str:
         raise ProtocolError(f"{what} {short_repr(text)} is no text")
+    return text
+
+
+def checked_word(word: object, what: str) -> str:
+    """Return a short text, which may be kept as long as its call waits."""
+    text = checked_text(word, what)
+    if len(text) > MAX_WORD:
+        raise ProtocolError(f"{what}: {len(text)} characters, more than {MAX_WORD}")
     return text
