@@ -52,6 +52,8 @@ class FaultSection(StrictModel):
     """How long it lasts, in seconds of the fleet's clock; left out, to the end of the run."""
     resources: tuple[Name, ...] = Field(default=(), strict=False)
     """It is tried in calls of these resources, and in steps that may call any; left out, in all steps."""
+    unreachable: bool = False
+    """Nobody reaches the robot meanwhile, so nobody can halt it at the end of the run."""
 
 
 class SimulationSection(StrictModel):

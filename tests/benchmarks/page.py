@@ -17,6 +17,15 @@ def machine() -> str:
     return f"{model or platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
 
 
+def rows_between(page: Path, begin: str) -> list[list[str]]:
+    """Return the cells of the table between a mark and the next END, without its head."""
+    content = page.read_text(encoding="utf-8")
+    start = content.index(begin)
+    lines = content[start : content.index(END, start)].splitlines()
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("|")]
+    return rows[2:]
+
+
 def write_between(page: Path, begin: str, text: str) -> None:
     """Put text into a page between a mark and the next END, in place of what was there.
 

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.lab.proof.cases import KILLED, FaultCase, Position, plan_cases, single_faults
 from eal_actors.lab.proof.fleet_files import fleet_content, with_quick_settings
+from eal_actors.lab.proof.invariants import Trials, judge
+from eal_actors.lab.proof.trial import Trial
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.manifest import FaultSection
+from eal_actors.scenario import load_scenario
 
 FAULTS = {
     "fails": FaultSection(settings={"failing": ["{resource}"]}),
@@ -62,3 +67,13 @@ def test_nothing_is_drawn_in_a_proof_that_nobody_sees() -> None:
     tracker = quick["robots"]["cameras-1"]["plugins"].pop("tracker")
     assert tracker == {**content["robots"]["cameras-1"]["plugins"].pop("tracker"), "drawn": False}
     assert quick == content
+
+
+def test_nobody_can_halt_a_robot_that_nobody_reaches() -> None:
+    """A search ends when another robot finds the beacon, and a robot that hangs drives to the end of its lane."""
+    (fault,) = next(case for case in singles() if case[0].kind == "fails")
+    moving = Trial(None, moved_m={"ann": 0.3, "bob": 0.0})
+    scenario = load_scenario(bundled_path("scenarios/search.yaml"))
+    for is_unreachable, violated in ((False, ["halted"]), (True, [])):
+        case = (replace(fault, is_unreachable=is_unreachable),)
+        assert [one.invariant for one in judge(Trials(scenario, case, Trial(None), moving))] == violated

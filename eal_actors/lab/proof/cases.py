@@ -57,6 +57,7 @@ class InjectedFault:
         until_s: when it ends; None for never.
         instance: the plugin instance that injects it.
         settings: its entry in the setting `faults`, without times; empty for a fault of the controller.
+        is_unreachable: nobody reaches the robot meanwhile.
     """
 
     kind: str
@@ -65,6 +66,7 @@ class InjectedFault:
     until_s: float | None = None
     instance: str = ""
     settings: Mapping[str, Any] = field(default_factory=dict)
+    is_unreachable: bool = False
 
     @property
     def robot(self) -> str:
@@ -127,7 +129,7 @@ def single_faults(
             if (not kinds or kind in kinds) and _can_happen(fault, position):
                 until_s = None if fault.lasts_s is None else at_s + fault.lasts_s
                 settings = _fill_in(fault.settings, position.resource)
-                cases.append((InjectedFault(kind, position, at_s, until_s, instance, settings),))
+                cases.append((InjectedFault(kind, position, at_s, until_s, instance, settings, fault.unreachable),))
     return cases
 
 

@@ -17,7 +17,7 @@ from eal_actors.scenario.language.values import RetryPolicy
 INVARIANTS: Final = {
     "ends": "the run ends",
     "barriers": "no healthy robot fails because it waits for another",
-    "halted": "every robot stands still after the end",
+    "halted": "every robot that can be reached stands still after the end",
     "minimum": "no run is done with fewer robots than the role's min",
     "contact": "no two robots touch",
     "finally": "every robot performs the steps of finally",
@@ -89,10 +89,11 @@ def judge(trials: Trials) -> tuple[Violation, ...]:
 
 def _check_world(trials: Trials) -> Iterator[Violation]:
     trial, usual = trials.trial, trials.healthy.touches or {}
+    unreachable = {fault.robot for fault in trials.case if fault.is_unreachable and fault.until_s is None}
     if trial.is_late:
         yield Violation("ends", "", "", "the run did not end and was stopped")
     for name, moved_m in (trial.moved_m or {}).items():
-        if moved_m > _STILL_M:
+        if moved_m > _STILL_M and name not in unreachable:
             yield Violation("halted", name, "", f"{name} moved {moved_m:.3f} m in the second after the end")
     for pair, time_s in (trial.touches or {}).items():
         if pair not in usual:

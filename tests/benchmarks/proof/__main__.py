@@ -1,6 +1,8 @@
-"""Prove the thesis's scenarios and the planted bugs, and print the figures.
+"""Prove the thesis's scenarios, the other shipped ones and the planted bugs, and print the figures.
 
-python -m tests.benchmarks.proof [SCENARIO]... [--runs 250] [--planted] [--page docs/proving.md]
+python -m tests.benchmarks.proof [SCENARIO[:FLEET]]... [--runs 250] [--others] [--planted] [--page docs/proving.md]
+
+With named scenarios, only their rows of the page are replaced.
 """
 
 from __future__ import annotations
@@ -17,41 +19,62 @@ from eal_actors.kernel.bundled import bundled_path
 from eal_actors.lab.proof import Proof, ProofRequest, prove
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import load_scenario
-from tests.benchmarks.page import machine, write_between
+from tests.benchmarks.page import machine, rows_between, write_between
 from tests.proof.planted import PLANTED
 
 THESIS = ("dance", "square", "panorama")
 """Tables 6.3, 6.1 and 6.2 of the thesis."""
+OTHERS = (
+    "relay:relay",
+    "formation:formation",
+    "patrol:patrol",
+    "search:search",
+    "standards:standards",
+    "square-umbmark:uncalibrated",
+    "inspect:sim",
+    "ballet:formation",
+)
+RUNS_OF_OTHERS = 60
 SCENARIOS = ("what", "runs", "single faults", "done", "failed safely", "findings", "time", "runs per second")
 BUGS = ("planted bug", "invariant", "runs", "findings", "least fleet", "trials to shrink it")
-MARK = "<!-- bench-proof -->"
+MARK, MARK_OF_BUGS = "<!-- bench-proof -->", "<!-- bench-proof-bugs -->"
 
 
 def main(arguments: list[str]) -> int:
     """Return 1 if a scenario has a finding, or a planted bug was not found."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.proof", description=__doc__)
-    parser.add_argument("scenarios", nargs="*", metavar="SCENARIO", default=THESIS)
+    parser.add_argument("scenarios", nargs="*", metavar="SCENARIO", help="default: those of the thesis")
     parser.add_argument("--runs", type=int, default=250)
+    parser.add_argument("--others", action="store_true", help="the other shipped scenarios as well")
     parser.add_argument("--planted", action="store_true", help="the planted bugs as well")
     parser.add_argument("--page", type=Path, help="the page to write the tables into")
     options = parser.parse_args(arguments)
-    proofs = [_of_scenario(name, options.runs) for name in options.scenarios]
-    texts = [_table(SCENARIOS, [row for row, _ in proofs])]
-    holds = all(is_proven for _, is_proven in proofs)
-    if options.planted:
-        bugs = [_of_bug(number) for number in range(len(PLANTED))]
-        texts.append(_table(BUGS, [row for row, _ in bugs]))
-        holds &= all(is_found for _, is_found in bugs)
-    text = "\n\n".join([*texts, f"Measured on {machine()}."])
+    names = options.scenarios or ([] if options.planted and not options.others else THESIS)
+    proofs = [_of_scenario(name, options.runs) for name in names]
+    if options.others:
+        proofs += [_of_scenario(name, RUNS_OF_OTHERS) for name in OTHERS]
+    bugs = [_of_bug(number) for number in range(len(PLANTED))] if options.planted else []
+    _show(SCENARIOS, [row for row, _ in proofs], options.page, MARK)
+    _show(BUGS, [row for row, _ in bugs], options.page, MARK_OF_BUGS)
+    return 0 if all(is_good for _, is_good in (*proofs, *bugs)) else 1
+
+
+def _show(heads: Sequence[str], rows: Sequence[Sequence[str]], page: Path | None, mark: str) -> None:
+    """Print a table, and replace its rows in a page."""
+    if not rows:
+        return
+    before = {row[0]: row for row in rows_between(page, mark)} if page is not None else {}
+    table = _table(heads, list({**before, **{row[0]: row for row in rows}}.values()))
+    text = f"{table}\n\nMeasured on {machine()}."
     sys.stdout.write(f"{text}\n")
-    if options.page is not None:
-        write_between(options.page, MARK, text)
-    return 0 if holds else 1
+    if page is not None:
+        write_between(page, mark, text)
 
 
-def _of_scenario(name: str, runs: int) -> tuple[Sequence[str], bool]:
+def _of_scenario(named: str, runs: int) -> tuple[Sequence[str], bool]:
+    name, _, fleet = named.partition(":")
     with TemporaryDirectory() as folder:
-        config = EALConfigManager.load(bundled_path("fleets/sim.yaml")).fleet
+        config = EALConfigManager.load(bundled_path(f"fleets/{fleet or 'sim'}.yaml")).fleet
         scenario = load_scenario(bundled_path(f"scenarios/{name}.yaml"))
         began_s = time.perf_counter()
         proof = prove(ProofRequest(scenario, config, Path(folder) / "proof", runs=runs, jobs=os.cpu_count() or 1))
