@@ -59,6 +59,12 @@ napoleon_include_init_with_doc = False
 
 html_theme = "furo"
 html_title = f"EAL actors {release}"
+html_logo = html_favicon = "../eal_actors/operate/dashboard/static/icon.svg"
+FONT = 'Inter, system-ui, -apple-system, "Segoe UI", Roboto, "DejaVu Sans", sans-serif'
+html_theme_options = {  # the colours of the dashboard
+    "light_css_variables": {"font-stack": FONT, "color-brand-primary": "#1b5fa8", "color-brand-content": "#1b5fa8"},
+    "dark_css_variables": {"color-brand-primary": "#79b8f2", "color-brand-content": "#79b8f2"},
+}
 html_static_path = ["_site/static"]
 html_css_files = ["site.css"]
 html_extra_path = ["_site/root"]

@@ -46,6 +46,7 @@ def test_the_page_starts_shows_and_stops_the_dance(open_page: OpenPage, tmp_path
         page.get_by_label("Scenario", exact=True).first.select_option("dance.yaml")
         page.get_by_role("button", name="Start", exact=True).click()
         expect(page.locator("#main")).to_contain_text("▶ Running")
+        expect(page.locator(".run-map canvas")).to_be_visible()
         page.wait_for_function(f"(before) => {POSES}.then((now) => now !== before)", arg=before)
         page.evaluate(NOTE_PRESSES)
         page.keyboard.press("Escape")
