@@ -22,7 +22,7 @@ from typing import Any, Final, Self
 
 import eal_actors
 from eal_actors.cli import emulator_main
-from eal_actors.kernel.errors import UnavailableError
+from eal_actors.kernel.errors import UnavailableError, UnsupportedError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.manifest import EmulatorSection, PluginManifest, discover
@@ -169,7 +169,10 @@ class EmulatorProcesses:
 
         Raises:
             UnavailableError: one has ended; the reason is on stderr.
+            UnsupportedError: their plugins need packages that are not installed.
         """
+        if lacks := dict.fromkeys(filter(None, (device.plugin.lacks() for device in self._devices))):
+            raise UnsupportedError("; ".join(lacks))
         with ExitStack() as stack:
             alone = [device for device in self._devices if not device.is_in_world]
             running = [(device, stack.enter_context(self._run(device))) for device in alone]

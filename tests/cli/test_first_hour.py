@@ -201,6 +201,14 @@ def test_a_missing_module_is_named_once_for_all_robots() -> None:
     assert (done.stdout + done.stderr).count("pip install 'eal-actors[sim]'") == 1
 
 
+def test_the_lab_without_opencv_says_what_to_install() -> None:
+    done = without(("cv2",), "eal_actors.cli.app", "lab", "square")
+    assert done.returncode == 2
+    assert "Error: plugin 'camera' needs cv2: pip install 'eal-actors[vision]'" in done.stderr
+    assert "Traceback" not in done.stdout + done.stderr
+    assert not done.stdout
+
+
 @pytest.mark.parametrize("module", ["cryptography", "cyclonedx", "packaging"])
 def test_evbotos_without_its_extra_says_what_to_install(module: str) -> None:
     done = without((module,), "evbotos.__main__", "list")
