@@ -1,4 +1,4 @@
-"""What the page draws, and how often: names, layers of the map, texts, and a hundred robots, in a real Chromium."""
+"""Drawing in a real Chromium: names, layers of the map, texts that change often, and a hundred robots."""
 
 from __future__ import annotations
 
