@@ -126,3 +126,11 @@ def test_one_call_enters_few_files(what: str, limit: int) -> None:
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=True)
     files = done.stdout.splitlines()
     assert 0 < len(files) <= limit, done.stdout
+
+
+def test_the_tour_for_contributors_names_files_that_exist() -> None:
+    text = (ROOT / "CONTRIBUTING.md").read_text()
+    tour = text[text.index("## A two-minute tour") : text.index("## Add something")]
+    named = re.findall(r"`(\w+/[\w/]+\.py)`", tour)
+    assert len(named) > 15
+    assert not [name for name in named if not (ROOT / "eal_actors" / name).is_file()]
