@@ -130,14 +130,15 @@ class RoombaBase(DifferentialBase):
             return 1
         finally:
             self._in_motion = False
-            self._roomba.stop()
 
     def _travel(self, motion: TimedMotion, goal: MotionGoal) -> Activity:
         """Travel a motion's length; what damaged commands added is taken back."""
         doubt, start_m = self._roomba.travel_doubt, motion.counted_m(self._roomba.latest())
         for _ in range(_ATTEMPTS):
-            yield from self._go(motion, start_m, goal, doubt)
-            self._roomba.stop()
+            try:
+                yield from self._go(motion, start_m, goal, doubt)
+            finally:
+                self._roomba.stop()
             yield from self._come_to_rest()
             if motion.ahead:
                 yield from self._turn_back(goal)

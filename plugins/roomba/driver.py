@@ -24,6 +24,9 @@ from .sci import MAX_NOTES, MODE_PAUSE_S, Mode, Op
 _MODE_PAUSE_S: Final = MODE_PAUSE_S + 0.002  # clocks differ
 _WAKE_TRIES: Final = 3
 _INSIST_S: Final = 0.1  # a stop without an effect is repeated after this time
+_OBEYED_S: Final = 0.06  # a stop counts as obeyed if the wheels stand after this time
+_STIRRED_S: Final = 1.5  # wheels that turn, however slowly, count twice within this time
+_LOOK_AGAIN_S: Final = 0.05
 _DISOBEYED_S: Final = 0.3  # wheels that do not begin to turn meanwhile have not heard their command
 _DETECT_HIGH_S: Final = 0.1
 _DETECT_LOW_S: Final = 0.5
@@ -352,12 +355,22 @@ class RoombaDriver(Listener):
         """Repeat a stop until a reading confirms it. Thread: holds the lock."""
         now_s = self.clock.now()
         if not self._must_stand:
-            if self._is_driven and self._moved_s > self._stopped_s:  # whatever its mode: that is an inference
-                self._stop()  # a damaged byte has set it going
-        elif reading is not None and reading.stands and reading.stamp_s - self._stopped_s > _INSIST_S:
+            if self._is_driven:  # whatever its mode: that is an inference
+                self._watch_rest(now_s)
+        elif reading is not None and reading.stands and reading.stamp_s - self._stopped_s > _OBEYED_S:
             self._must_stand, self._stopped_s, self._stop_count = False, reading.stamp_s, 0
         elif now_s - self._sent_s > _INSIST_S:
             self._send_stop(now_s)
+
+    def _watch_rest(self, now_s: float) -> None:
+        """Stop wheels that stood and have counted twice since: a damaged byte has set them going.
+
+        A single count may be a damaged reading, and a needless stop is a risk: damaged, it is a drive.
+        """
+        if self._moved_before_s > max(self._stopped_s, self._moved_s - _STIRRED_S):
+            self._stop()
+        elif self._moved_s > max(self._stopped_s, now_s - _STIRRED_S):
+            self._next_poll_s = now_s + _LOOK_AGAIN_S
 
     def _is_disobeyed(self, reading: RoombaReading) -> bool:
         """Return whether the wheels may not have heard their command. Thread: holds the lock."""

@@ -63,7 +63,8 @@ class Listener(ABC):
         self._reading: RoombaReading | None = None
         self._odometry = DeadReckoning(wheelbase_m)
         self._path = DeadReckoning(wheelbase_m)
-        self._moved_s, self._first_s = -math.inf, clock.now()
+        self._moved_s = self._moved_before_s = -math.inf  # the latest count of the wheels, and the one before
+        self._first_s = clock.now()
         self._next_poll_s: float | None = None
         self._left_m = self._right_m = 0.0
         self._trouble: str | None = None
@@ -217,7 +218,7 @@ class Listener(ABC):
             self._first_s = stamp_s
         self.localizer.odometry(*self._odometry.pose, stamp_s)
         if has_turned:
-            self._moved_s = stamp_s
+            self._moved_before_s, self._moved_s = self._moved_s, stamp_s
         stands = stamp_s - max(self._moved_s, self._first_s) >= _STANDS_S
         return RoombaReading(stamp_s, contacts, power, pressed, self._left_m, self._right_m, stands, self._path.pose)
 

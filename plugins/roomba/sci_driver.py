@@ -51,7 +51,8 @@ class SciDriver(RoombaDriver):
         }
     )
     count_m = 0.001
-    stop_data = sci.drive(0)
+    stop_data = sci.drive(0, COUNTER_CLOCKWISE)
+    """No byte that is lost, doubled or inserted makes it a drive; a flipped bit of the speed can."""
 
     def __init__(self, link: RoombaLink, clock: Clock, mode: Mode, poll_hz: float, name: str) -> None:
         super().__init__(link, clock, mode, poll_hz, name, WHEELBASE_M)

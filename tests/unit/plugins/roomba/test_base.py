@@ -12,7 +12,7 @@ from plugins.roomba.sci import CLOCKWISE, COUNTER_CLOCKWISE, STRAIGHT, Mode
 from plugins.roomba.sci_driver import twist_drive
 from tests.unit.plugins.roomba.rig import Rig, without_polls
 
-STOP = bytes([137, 0, 0, 128, 0])
+STOP = bytes([137, 0, 0, 0, 1])
 
 
 def travel_m(rig: Rig) -> tuple[float, float]:

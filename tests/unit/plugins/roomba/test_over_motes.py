@@ -84,7 +84,7 @@ def test_a_halt_goes_out_at_once_whatever_waits() -> None:
     drive = rig.begin("f5", 1.0)
     rig.motes.forwarded.clear()
     drive.close()
-    assert next(iter(rig.motes.forwarded)) == bytes([137, 0, 0, 128, 0])
+    assert next(iter(rig.motes.forwarded)) == bytes([137, 0, 0, 0, 1])
 
 
 def test_it_is_left_to_itself_at_the_end_in_spite_of_loss() -> None:

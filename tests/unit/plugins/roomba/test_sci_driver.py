@@ -178,7 +178,7 @@ def test_released_it_stands_in_passive_mode() -> None:
     _drive = rig.begin("f5", 1.0)
     rig.take_sent()
     rig.roomba.release()
-    assert list(rig.take_sent()) == [137, 0, 0, 128, 0, Op.START]
+    assert list(rig.take_sent()) == [137, 0, 0, 0, 1, Op.START]
     assert rig.emulator.mode is Mode.PASSIVE
     assert rig.body.left.target_m_s == 0.0
     rig.roomba.close()
