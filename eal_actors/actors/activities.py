@@ -10,10 +10,11 @@ from __future__ import annotations
 import contextlib
 import math
 import numbers
+import types
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from eal_actors.actors.actor import AbandonedThread, EALActor, Inbox
 from eal_actors.actors.call import MOTION_METHODS, Call, ResourceCell
@@ -28,6 +29,18 @@ from eal_actors.kernel.errors import (
     ReturnTypeError,
     error_text,
 )
+
+
+class PendingResult(NamedTuple):
+    """A result that an activity will return, and the function that makes the answer of it."""
+
+    activity: Activity
+    convert: Callable[[Any], Any]
+
+
+def converted(result: Any, convert: Callable[[Any], Any]) -> Any:
+    """Make the answer of a result; an activity gives its result later."""
+    return PendingResult(result, convert) if type(result) is types.GeneratorType else convert(result)
 
 
 class ScheduledCommand:

@@ -9,11 +9,11 @@ import types
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from typing_extensions import override
 
-from eal_actors.actors.activities import ScheduledCommand
+from eal_actors.actors.activities import PendingResult, ScheduledCommand, converted
 from eal_actors.actors.actor import AbandonedThread
 from eal_actors.actors.call import MOTION_METHODS, Call, ResourceCell
 from eal_actors.actors.readiness import ReadinessActor
@@ -21,7 +21,7 @@ from eal_actors.actors.robot_view import RunningCommand, command_of, process_nam
 from eal_actors.device.data import DataType, EALData
 from eal_actors.device.info import ResourceInfo, ValueInfo
 from eal_actors.device.plugin_context import ResourceFactory
-from eal_actors.device.resource import Activity, Resource
+from eal_actors.device.resource import Resource
 from eal_actors.kernel import log
 from eal_actors.kernel.errors import (
     DeadlineError,
@@ -34,18 +34,6 @@ from eal_actors.kernel.errors import (
 )
 
 _FLOATS: Final = (DataType.FLOAT, DataType.DOUBLE)
-
-
-class PendingResult(NamedTuple):
-    """A result that an activity will return, and the function that makes the answer of it."""
-
-    activity: Activity
-    convert: Callable[[Any], Any]
-
-
-def converted(result: Any, convert: Callable[[Any], Any]) -> Any:
-    """Make the answer of a result; an activity gives its result later."""
-    return PendingResult(result, convert) if type(result) is types.GeneratorType else convert(result)
 
 
 def status_of(result: Any) -> int:
@@ -175,6 +163,13 @@ class ResourceActor(ReadinessActor):
             "set_config": lambda key, data: converted(resource.set_config(key, data), status_of),
             "halt": self._halt,
         }
+
+    def halt_soon(self) -> None:
+        """Halt before everything that waits; a resource that has nothing to halt is not woken. Thread: any."""
+        resource = self.resource
+        if resource is not None and type(resource).halt is not Resource.halt:
+            with contextlib.suppress(EALError):  # it has stopped already
+                self.actor_inbox.call_soon(lambda: self.guarded(self._halt))
 
     def shut_down(self) -> None:
         """Halt, close and stop, before everything that waits. Thread: any; does not block."""

@@ -315,6 +315,11 @@ class RobotActor(EALActor, RobotConnection):
             actor.shut_down()
 
     @override
+    def halt_before_end(self) -> None:
+        for actor in list(self._children.values()):
+            actor.halt_soon()
+
+    @override
     def shut_down(self) -> None:
         self._soon(self._shut_down)
 

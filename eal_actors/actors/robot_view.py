@@ -313,8 +313,12 @@ class RobotConnection(Protocol):
         """Release resources that this process holds, so that other controllers may command them."""
         ...
 
+    def halt_before_end(self) -> None:
+        """Halt everything that moves; `shut_down` follows, but other robots may have their turn before."""
+        ...
+
     def shut_down(self) -> None:
-        """Stop every resource safely, and end."""
+        """Stop every resource safely, and end. The second time it has no effect."""
         ...
 
     def force_down(self) -> None:

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from eal_actors import Fleet
 SLOW_PLUGIN = """
 import fcntl
 import threading
+from pathlib import Path
 
 from eal_actors.plugin import EALPlugin, Resource
 
@@ -25,10 +27,18 @@ class Slow(Resource):
     def get_value(self) -> int:
         return 1
 
+    def halt(self) -> None:
+        self.note("halt")
+
     def close(self) -> None:
         with open(__file__) as file:
             fcntl.flock(file, fcntl.LOCK_EX)  # one after the other
             threading.Event().wait(0.1)
+        self.note("close")
+
+    def note(self, what: str) -> None:
+        with Path(__file__).with_name("log").open("a") as log:
+            log.write(f"{what} {id(self)}\\n")
 
 
 def connect() -> EALPlugin:
@@ -69,7 +79,7 @@ def closed(fleet: Fleet, timeout_s: float, capsys: pytest.CaptureFixture[str]) -
     return logged.out + logged.err
 
 
-def fleet_of_slow_robots(folder: Path) -> Path:
+def fleet_of_slow_robots(folder: Path, count: int = 25) -> Path:
     """Write a fleet whose robots close one after the other; return the file."""
     plugin = folder / "slow_closing"
     plugin.mkdir()
@@ -79,7 +89,9 @@ def fleet_of_slow_robots(folder: Path) -> Path:
         'version: 1\nname: slow_closing\ndescription: closes slowly\nplugin_version: "1"\nresources: [Slow]\n'
     )
     file = folder / "fleet.yaml"
-    file.write_text('version: 1\nplugin_dirs: [.]\nrobots: {"r{n}": {count: 25, plugins: {slow_closing: {}}}}\n')
+    file.write_text(
+        f'version: 1\nplugin_dirs: [.]\nrobots: {{"r{{n}}": {{count: {count}, plugins: {{slow_closing: {{}}}}}}}}\n'
+    )
     return file
 
 
@@ -93,6 +105,15 @@ def test_robots_that_close_one_after_the_other_are_not_stuck(
     assert all(robot["Slow"].get_value().get().value == 1 for robot in fleet.values())
     assert "stuck" not in closed(fleet, 1.0, capsys)  # 2.5 s in all
     assert set(threading.enumerate()) <= before
+
+
+def test_all_robots_are_halted_before_the_first_ones_have_ended(tmp_path: Path) -> None:
+    with Fleet.load(fleet_of_slow_robots(tmp_path, 60)):
+        pass
+    lines = (tmp_path / "slow_closing/log").read_text().splitlines()
+    closed = [place for place, line in enumerate(lines) if line.startswith("close")]
+    assert len(closed) == 60
+    assert len({line for line in lines[: closed[3]] if line.startswith("halt")}) == 60
 
 
 CLOSING = """
@@ -139,9 +160,11 @@ def test_many_robots_close_on_a_busy_machine(count: int, tmp_path: Path, capsys:
     before = set(threading.enumerate())
     fleet = Fleet.load(file)
     fleet.connect()
-    threads = threading.active_count()
+    threads, begun_s = threading.active_count(), time.process_time()
     with busy_machine(6):
         logged = closed(fleet, 5.0, capsys)
-    print(f"{count} robots, {threads} threads")  # noqa: T201  # the figure of the long form
+    used_s = time.process_time() - begun_s
+    print(f"{count} robots, {threads} threads: {used_s:.1f} s of a processor")  # noqa: T201  # the figure of the long form
     assert "stuck" not in logged
+    assert used_s < 0.03 * count
     assert set(threading.enumerate()) <= before

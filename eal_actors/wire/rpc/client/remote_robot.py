@@ -310,11 +310,17 @@ class RemoteRobot(EALActor):
         """End our leases of resources."""
         return self._channel.call(keys.RELEASE, tuple(resources), _REQUEST_TIMEOUT_S, lambda *_: None)
 
+    def halt_before_end(self) -> None:
+        """Leave the robot, which halts it."""
+        self.shut_down()
+
     def shut_down(self) -> None:
         """Leave the robot, and end."""
         self._channel.run_soon(self._leave)
 
     def _leave(self) -> None:
+        if self.view.state is RobotState.STOPPED:
+            return
         was_ready = self.view.state is RobotState.READY
         self.view.state = RobotState.STOPPED
         error = UnavailableError("the robot is disconnected")
