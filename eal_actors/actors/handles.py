@@ -296,8 +296,8 @@ def close_robots(robots: Sequence[RobotHandle], timeout_s: float = CLOSE_TIMEOUT
     Thread: blocks the caller; if no thread ends, about three times `timeout_s` however many robots there are. In a
     thread of one of the robots, such as a done-callback's, it does not wait for that robot.
     """
-    for robot in robots:  # before time passes without this thread, or motions would end that are to be stopped
-        robot._actor.halt_before_end()
+    for place, robot in enumerate(robots):  # before time passes without this thread, and motions end by themselves
+        robot._actor.shut_down() if place < _AT_ONCE else robot._actor.halt_before_end()
     with contextlib.ExitStack() as stack:
         for clock in dict.fromkeys(robot.clock for robot in robots):
             stack.enter_context(clock.outside())

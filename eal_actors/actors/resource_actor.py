@@ -33,6 +33,7 @@ from eal_actors.kernel.errors import (
     error_text,
 )
 
+_ENDS: Final = "the resource is being stopped"
 _FLOATS: Final = (DataType.FLOAT, DataType.DOUBLE)
 
 
@@ -169,7 +170,7 @@ class ResourceActor(ReadinessActor):
         resource = self.resource
         if resource is not None and type(resource).halt is not Resource.halt:
             with contextlib.suppress(EALError):  # it has stopped already
-                self.actor_inbox.call_soon(lambda: self.guarded(self._halt))
+                self.actor_inbox.call_soon(lambda: self.guarded(lambda: self._halt(_ENDS)))
 
     def shut_down(self) -> None:
         """Halt, close and stop, before everything that waits. Thread: any; does not block."""
@@ -192,7 +193,7 @@ class ResourceActor(ReadinessActor):
     @override
     def on_stop(self) -> None:
         """Halt and close the resource and report the end. Thread: the actor's own."""
-        self._release("the resource is being stopped")
+        self._release(_ENDS)
         self._callbacks.down(self, None)
 
     @override
@@ -371,9 +372,9 @@ class ResourceActor(ReadinessActor):
         value = self._info.config(key).value if self._info.configs else None
         return converted(self.opened.get_config(key), lambda result: data_of(result, value))
 
-    def _halt(self) -> int:
-        self._preempt_motions("halted")
-        self.close_exchanges("halted", lambda call: call.method in MOTION_METHODS)
+    def _halt(self, reason: str = "halted") -> int:
+        self._preempt_motions(reason)
+        self.close_exchanges(reason, lambda call: call.method in MOTION_METHODS)
         self.opened.halt()
         return 1
 
