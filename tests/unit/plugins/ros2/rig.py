@@ -176,7 +176,8 @@ class SdkRobot:
             yaw_rad + rate * dt_s,
         )
 
-    def publish(self, x_m: float, y_m: float, yaw_rad: float) -> None:
+    def publish(self, x_m: float, y_m: float, yaw_rad: float, norm: float = 1.0) -> None:
+        """Publish odometry; with another norm than 1, its quaternion is no rotation."""
         import numpy as np
 
         make = {name.rpartition("/")[2]: kind for name, kind in self._types.items()}
@@ -189,7 +190,9 @@ class SdkRobot:
             pose=make["PoseWithCovariance"](
                 pose=make["Pose"](
                     position=make["Point"](x=x_m, y=y_m, z=0.0),
-                    orientation=make["Quaternion"](x=0.0, y=0.0, z=math.sin(yaw_rad / 2), w=math.cos(yaw_rad / 2)),
+                    orientation=make["Quaternion"](
+                        x=0.0, y=0.0, z=norm * math.sin(yaw_rad / 2), w=norm * math.cos(yaw_rad / 2)
+                    ),
                 ),
                 covariance=zero,
             ),
