@@ -9,8 +9,8 @@ Thread: any; a thread of its own reads the port.
 from __future__ import annotations
 
 import math
-import socket
 import threading
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -35,13 +35,14 @@ from eal_actors.plugin import (
 
 from . import protocol
 from .settings import Settings
+from .udp_listener import UdpListener
 
 _READ_S: Final = 0.01
 _HEARTBEAT_S: Final = 1.0
 _MOST_READS: Final = 50
 """Reads in a turn of the thread, so that a flood does not keep our heartbeat back."""
-_MOST_STRANGERS: Final = 500
-"""Datagrams of others that a read skips, likewise."""
+_MOST_ROUNDS: Final = 10
+"""Times as many are read before the vehicle is called silent."""
 _PAUSE_S: Final = 0.2
 _RATE_US: Final = 50_000
 _TRIES: Final = 3
@@ -51,57 +52,6 @@ _ACCEPTED: Final = 0
 _IN_PROGRESS: Final = 5
 _NOISE: Final = OdometryNoise(scale_share=1e-4, drift_rad_m=1e-4, turn_share=1e-4)
 """The autopilot estimates its own pose."""
-
-
-class UdpListener:
-    """A BytePort that listens: it answers the vehicle's last address. Datagrams are read as bytes.
-
-    Args:
-        host: the address to listen at.
-        port: likewise.
-        system: of the vehicle; other senders are not answered.
-    """
-
-    def __init__(self, host: str, port: int, system: int) -> None:
-        self._system = system
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            self._socket.setblocking(False)
-            self._socket.bind((host, port))
-        except BaseException:
-            self._socket.close()
-            raise
-        self._peer: Any = None
-        self.in_waiting = 0
-
-    def read(self, size: int = 1) -> bytes:  # noqa: ARG002  # a datagram is read as a whole
-        """Return the next datagram; empty for none."""
-        for _ in range(_MOST_STRANGERS):
-            try:
-                data, sender = self._socket.recvfrom(65536)
-            except (BlockingIOError, ConnectionRefusedError):
-                return b""
-            if protocol.begins_frame_of(data, self._system):
-                self._peer = sender
-            if self._peer in (None, sender):  # the middle of a frame, from a bridge that cuts the bytes anywhere
-                return data
-        return b""
-
-    def write(self, data: bytes) -> int:
-        """Send a datagram to the vehicle; if it has not sent yet, it is dropped."""
-        try:
-            return 0 if self._peer is None else self._socket.sendto(data, self._peer)
-        except (BlockingIOError, ConnectionRefusedError):
-            return 0
-
-    def reset_input_buffer(self) -> None:
-        """Discard all received datagrams."""
-        while self.read():
-            pass
-
-    def close(self) -> None:
-        """Close the socket."""
-        self._socket.close()
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,6 +99,7 @@ class MavLink:
         self._codec: Any = mavlink.MAVLink(None, settings.own_system_id, 190)
         self._codec.robust_parsing = True
         self._send_lock = threading.Lock()
+        self._read_lock = threading.RLock()
         self._newest: dict[str, tuple[Any, float]] = {}
         self._acknowledged: dict[int, int] = {}
         self._reading: VehicleReading | None = None
@@ -183,14 +134,7 @@ class MavLink:
                     next_s = now_s + _HEARTBEAT_S
                     self._send(self._codec.heartbeat_encode(protocol.GROUND_STATION, 8, 0, 0, 4))
                     self._ask_for_rates()
-                for _ in range(_MOST_READS):
-                    data = self._port.read(4096)
-                    if not data:
-                        break
-                    for message in self._codec.parse_buffer(data) or ():
-                        self._take(message)
-                else:
-                    is_full = True
+                is_full = self._read()
                 if not is_heard and "HEARTBEAT" in self._newest:  # before it, a datagram has no address to go to
                     is_heard, next_s = True, 0.0
                 self._fill_pause()
@@ -198,6 +142,17 @@ class MavLink:
                 continue
             except Exception:  # noqa: BLE001  # the thread is the dead-man: it must outlive every message
                 self._log.exception("a MAVLink message was not understood")
+
+    def _read(self) -> bool:
+        """Take what has arrived; returns whether there may be more. Thread: any; one at a time."""
+        with self._read_lock:
+            for _ in range(_MOST_READS):
+                data = self._port.read(4096)
+                if not data:
+                    return False
+                for message in self._codec.parse_buffer(data) or ():
+                    self._take(message)
+        return True
 
     def _fill_pause(self) -> None:
         """Send a velocity of zero in a pause between set-points, while OFFBOARD is to be kept."""
@@ -270,6 +225,14 @@ class MavLink:
         """Return why the vehicle cannot be reached now."""
         if (problem := self._port.why_not_ready()) is not None:
             return problem
+        with suppress(EALError):  # if this program stood still, what the vehicle has said since waits to be read
+            for _ in range(_MOST_ROUNDS):
+                if self._silence() is None or not self._read():
+                    break
+        return self._silence()
+
+    def _silence(self) -> str | None:
+        """Return which message is missing or too old."""
         system, now_s = self._settings.system_id, self._clock.now()
         limits_s = {"HEARTBEAT": self._settings.timeout_s, "LOCAL_POSITION_NED": self._settings.odometry_timeout_s}
         for kind, limit_s in limits_s.items():

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import math
+import signal
 import socket
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -111,3 +115,39 @@ def test_a_flood_of_one_vehicle_leaves_another_unharmed(tmp_path: Path) -> None:
             assert fleet["b"]["Base"].send_cmd("f0.3", timeout_s=CALL_S).get() == 1
             assert other.pose[0] == pytest.approx(0.3, abs=0.05)
         ready(fleet, "a")
+
+
+PROGRAM = """
+import sys
+from eal_actors import Fleet
+with Fleet.load(sys.argv[1]) as fleet:
+    for _ in range(100):
+        if "Base" not in fleet["one"].not_ready:
+            break
+        fleet.clock.sleep(0.1)
+    print(fleet["one"]["Base"].send_cmd("f3", timeout_s=120).get())
+"""
+
+
+@pytest.mark.slow
+def test_a_vehicle_is_not_called_silent_because_the_program_stood_still(tmp_path: Path) -> None:
+    """What it has said meanwhile waits at the port, and is read before it is judged."""
+    port = free_port()
+    robots = {"one": {"plugins": {"mavlink": settings_of(port, auto_arm=True)}}}
+    (tmp_path / "fleet.yaml").write_text(json.dumps({"version": 1, "name": "k", "robots": robots}))
+    with Vehicle(port) as rover:
+        program = subprocess.Popen(
+            [sys.executable, "-c", PROGRAM, str(tmp_path / "fleet.yaml")], stdout=subprocess.PIPE, text=True
+        )
+        try:
+            for stop_m in (0.3, 1.0, 1.7, 2.4):
+                wait_for(lambda: rover.pose[0] > stop_m or program.poll() is not None, "it does not move")  # noqa: B023
+                program.send_signal(signal.SIGSTOP)
+                REAL_TIME.sleep(2.0)
+                program.send_signal(signal.SIGCONT)
+            said, _ = program.communicate(timeout=120)
+        finally:
+            program.kill()
+            program.wait()
+        assert said == "1\n"
+        assert rover.pose[0] == pytest.approx(3.0, abs=0.1)
