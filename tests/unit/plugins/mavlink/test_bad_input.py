@@ -131,7 +131,7 @@ with Fleet.load(sys.argv[1]) as fleet:
 
 @pytest.mark.slow
 def test_a_vehicle_is_not_called_silent_because_the_program_stood_still(tmp_path: Path) -> None:
-    """What it has said meanwhile waits at the port, and is read before it is judged."""
+    """Messages that it sent meanwhile wait at the port, and are read before it is judged."""
     port = free_port()
     robots = {"one": {"plugins": {"mavlink": settings_of(port, auto_arm=True)}}}
     (tmp_path / "fleet.yaml").write_text(json.dumps({"version": 1, "name": "k", "robots": robots}))
