@@ -113,10 +113,9 @@ class RunContext:
         self.losses = self._watch(remote) if remote else None
         self.main = Frame(scenario, {role: role for role in scenario.file.roles}, scenario.parameters)
         self.past: PastSteps | None = None
-        self.keeps_files = True
         self.open_parts: list[ExecutionContext] = []
         self.slots: dict[str, list[RoleSlot]] = {}
-        self.zero_s = 0.0
+        self.zero_s, self.keeps_files = 0.0, True
         self.substitutes: dict[str, tuple[str, str]] = {}
         self.threads: list[threading.Thread] = []
         self._halt_timeout_s = max(HALT_TIMEOUT_S, self.clock.of_real(HALT_TIMEOUT_S))

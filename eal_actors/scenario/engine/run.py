@@ -71,10 +71,8 @@ class Run:
         directory: the run's folder: `summary.json`, `events.jsonl`, and a folder of saved answers for each robot.
             None keeps nothing.
         listeners: called with each event, in the run's own thread; they must not block.
-        resumption: the state of an interrupted run to continue from, as `read_run` returned it; `directory` is its
-            folder.
-        keeps_files: whether the files outlive the run. If not, pictures are not compressed, and Python steps may leave
-            out work whose only result is a file.
+        resumption: the state of an interrupted run to continue, from `read_run`; `directory` is its folder.
+        keeps_files: whether the files outlive the run; if not, work whose only result is a file may be left out.
 
     Raises:
         ScenarioError: the scenario saves files, and there is no directory; or the run cannot be resumed.
@@ -113,8 +111,7 @@ class Run:
         self._next_step = 0
         self._abort_reasons: list[str] = []
         self._error: BaseException | None = None
-        self._is_aborted = False
-        self._is_started = False
+        self._is_aborted = self._is_started = False
         self._wall_started = ""
 
     def start(self) -> Future[Report]:
