@@ -6,6 +6,7 @@ import json
 import sys
 import tarfile
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -125,8 +126,9 @@ class FleetRobots:
         self.tell(robot, f"has received {update.release}: {sent / 1e6:.1f} of {total / 1e6:.1f} MB were sent")
 
     def restart(self, robot: str) -> None:
-        """Restart a robot that has a system to try."""
-        self._update_of(robot).send_cmd("restart").get()
+        """Restart a robot that has a system to try; it may go down before its answer has left."""
+        with suppress(UnavailableError):
+            self._update_of(robot).send_cmd("restart").get()
 
     def fall_back(self, robot: str) -> None:
         """Let the next start of a robot try its former system."""

@@ -229,8 +229,8 @@ class _OneRobot:
             self.robots.tell(robot, f"runs {update.release}")
             return Outcome.UPDATED
         self.robots.tell(robot, f"is not healthy: {problem}")
-        now = self.robots.standing(robot)
-        if now is not None and before.verity != update.verity:
+        if before.verity != update.verity:
+            now = self._wait_for_answer(robot)
             self.robots.fall_back(robot)
             self.robots.restart(robot)
             self._wait_for(robot, before.verity, now.start)
@@ -252,6 +252,14 @@ class _OneRobot:
                 raise UpdateError(f"{robot} came back with {standing.release}: the new system did not come up")
             self.clock.sleep(LOOK_S)
         raise UpdateError(f"{robot} does not serve {self.restart_s:g} s after its restart")
+
+    def _wait_for_answer(self, robot: str) -> Standing:
+        end_s = self.clock.now() + self.restart_s
+        while (standing := self.robots.standing(robot)) is None:
+            if self.clock.now() >= end_s:
+                raise UpdateError(f"{robot} does not answer, and keeps its new system")
+            self.clock.sleep(LOOK_S)
+        return standing
 
     def _leave_out(self, robot: str, why: str) -> Outcome:
         self.robots.tell(robot, f"left out: {why}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import sys
+from math import ceil
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Final
@@ -20,7 +21,7 @@ from evbotos.definitions import load_definitions
 from evbotos.errors import BuildError
 from evbotos.hosttools import require
 from evbotos.identity import has_fleet, put_identity
-from evbotos.model import Local
+from evbotos.model import Emulator, Image, Local
 from evbotos.provision_command import provision_fleet
 from evbotos.qemu import Machine, running
 from evbotos.robot_files import access_files
@@ -47,7 +48,7 @@ def run_image(
     ] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Output folder of builds.")] = OUTPUT,
     memory_mb: Annotated[
-        int | None, typer.Option("--memory-mb", min=16, help="RAM.", show_default="the platform's")
+        int | None, typer.Option("--memory-mb", min=16, help="RAM.", show_default="what board and image need")
     ] = None,
     keep: Annotated[bool, typer.Option("--keep", help="Keep changes to the disk.")] = False,
     identity: Annotated[
@@ -79,9 +80,14 @@ def run_image(
                 identity = trial_identity(trial, found.local)
         if identity is not None:
             put_identity(identity, disk)
-        with running(board, folder, disk, console_log, memory_mb) as machine:
+        with running(board, folder, disk, console_log, memory_mb or memory_for(board.emulator, what)) as machine:
             _show_ports(out, machine, trial)
             _follow(out, machine)
+
+
+def memory_for(emulator: Emulator, image: Image) -> int:
+    """Return the RAM of an emulated machine in MB: the board's, or more where the image needs more."""
+    return max(emulator.memory_mb, ceil(image.budget_mb.memory or 0))
 
 
 def trial_identity(folder: Path, local: Local) -> Path:

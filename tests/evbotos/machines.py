@@ -21,6 +21,12 @@ from tests.net.links import eventually, free_port
 
 FORMER = Verity(1, "0d" * 32, "cd" * 16)
 """The identity of the root that each machine has at first."""
+_NETWORK = (
+    "network:",
+    "  lease_s: 30  # the processes of ten machines share a processor",
+    "  dead_man_s: 30",
+    "  security: {keys: keys, controller: controller, roles: {controllers: [controller]}}",
+)
 BROKEN = b"this root does not come up"
 
 
@@ -88,7 +94,7 @@ def machines_of(
         plugins: further plugins of robots, as YAML, by robot.
         root: the content of each machine's first slot.
     """
-    lines = ["version: 1", "name: lab", "defaults: {timeout_s: 60}", "robots:"]
+    lines = ["version: 1", "name: lab", "defaults: {timeout_s: 60}", *_NETWORK, "robots:"]
     for name in names:
         state = folder / name
         lines += [
@@ -101,7 +107,7 @@ def machines_of(
         ]
     fleet = folder / "fleet.yaml"
     fleet.write_text("\n".join([*lines, ""]))
-    eal("keys", "init", "--write", "--fleet", fleet)
+    eal("keys", "init", "--fleet", fleet)
     eal("keys", "robot", *names, "--fleet", fleet)
     eal("keys", "controller", "controller", "--fleet", fleet)
     made = {}

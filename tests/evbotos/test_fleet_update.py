@@ -138,6 +138,20 @@ def test_a_robot_that_is_not_healthy_returns_to_its_former_system() -> None:
     assert fleet.states["ada"].verity == "old"
 
 
+def test_a_robot_that_does_not_answer_for_a_while_after_its_check_returns_all_the_same() -> None:
+    fleet = fleet_of("ada")
+
+    def goes_away(robot: str) -> str:
+        state, fleet.states[robot] = fleet.states[robot], None
+        assert state is not None
+        fleet.later[robot] = 3, state
+        return "it does not answer"
+
+    fleet.problem_of = goes_away  # type: ignore[method-assign]
+    assert update_fleet(fleet, ["ada"], [NEW], clock=ScaledClock(1000)) == {"ada": Outcome.FAILED}
+    assert fleet.done == ["push ada", "restart ada", "fall back ada", "restart ada"]
+
+
 def test_an_updated_robot_that_is_not_healthy_later_has_nothing_to_return_to() -> None:
     fleet = Machines({"ada": replace(OLD, verity="new", other_verity="")}, sick={"ada"})
     assert update_fleet(fleet, ["ada"], [NEW]) == {"ada": Outcome.FAILED}

@@ -5,6 +5,7 @@ from evbotos.disk import kernel_line
 from evbotos.hosttools import needed_for
 from evbotos.lock import FOLDER, asked_by, lock_path, read_lock
 from evbotos.plan import files_of, layers_of, make_plan
+from evbotos.run_command import memory_for
 
 
 def test_a_plan_names_steps_packages_files_and_budgets_of_every_pair() -> None:
@@ -63,3 +64,11 @@ def test_the_kernel_starts_our_init_on_the_platforms_console() -> None:
     line = kernel_line(load_definitions().platform("qemu-amd64"))
     assert "init=/usr/lib/evbotos/init" in line
     assert "console=ttyS0,115200" in line
+
+
+def test_an_emulated_machine_has_the_memory_that_its_image_needs() -> None:
+    found = load_definitions()
+    emulator = found.platform("qemu-amd64").emulator
+    assert emulator is not None
+    assert [memory_for(emulator, found.image(name)) for name in ("minimal", "robot", "octave")] == [128, 128, 256]
+    assert memory_for(emulator.model_copy(update={"memory_mb": 512}), found.image("octave")) == 512

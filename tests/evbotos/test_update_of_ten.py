@@ -76,7 +76,7 @@ def test_a_fleet_is_updated_with_a_power_cut_and_a_failure(tmp_path: Path) -> No
         assert running.returncode == 1, said
         assert said[-1] == f"{ROBOTS - 2} updated; 1 absent ({cut}); 1 failed ({ill})\n", said
         assert all(runs(fleet[name], NEW) for name in names if name not in (cut, ill))
-        assert runs(fleet[ill], OLD)  # it came up, but not all of its resources are ready: it returned
+        assert runs(fleet[ill], OLD), said  # it came up, but not all of its resources are ready: it returned
 
         assert runs(fleet[cut], OLD)
         fleet[cut].boot()
