@@ -75,6 +75,8 @@ class RootSide:
         return content
 
     def _connected(self) -> Generator[float, None, socket.socket]:
+        if self._socket is not None and self._has_ended(self._socket):
+            self.close()  # the program ends a silent connection
         end_s = self._clock.now() + _START_S
         while self._socket is None:
             connection = socket.socket(socket.AF_UNIX)
@@ -90,6 +92,13 @@ class RootSide:
                 connection.setblocking(False)
                 self._socket = connection
         return self._socket
+
+    @staticmethod
+    def _has_ended(connection: socket.socket) -> bool:
+        try:
+            return not connection.recv(1, socket.MSG_PEEK)
+        except BlockingIOError:
+            return False
 
     def _wake(self) -> None:
         with suppress(OSError):  # it has been woken already, and is starting

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from eal_actors import Fleet
+from eal_actors import Fleet, ResourceHandle
 from eal_actors.kernel.errors import ArgumentError, NotReadyError, UnsupportedError
 from eal_actors.managers.config import EALConfigManager
 from evbotos.delta import BLOCK
@@ -183,6 +183,38 @@ def test_a_computer_without_slots_takes_no_update(tmp_path: Path) -> None:
         with pytest.raises(NotReadyError, match="the running slot is not good yet"):
             fleet["ada"]["Update"].send_req("status").get()
         assert update_fleet(robots, ["ada"], [update]) == {"ada": Outcome.ABSENT}
+
+
+def test_a_connection_that_the_program_of_root_ended_is_made_anew(tmp_path: Path) -> None:
+    (tmp_path / "slot").write_text("a\n")
+    os.mkfifo(tmp_path / "update.wake")
+    plugins = {"evbotos": {"state": str(tmp_path)}}
+    content = {"version": 1, "name": "f", "robots": {"ada": {"plugins": plugins, "timeout_s": 30}}}
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(tmp_path / "update.sock"))
+        listener.listen()
+
+        def answer_once_each() -> None:
+            for number in range(2):
+                connection, _ = listener.accept()
+                with connection, connection.makefile("rwb") as stream:
+                    stream.readline()
+                    stream.write(b'{"bytes": 1}\n%d' % number)
+
+        thread = threading.Thread(target=answer_once_each)
+        thread.start()
+        with Fleet(EALConfigManager.of(content, name="test").fleet).connect() as fleet:
+            update = fleet["ada"]["Update"]
+            assert update.send_req("status").get().value == "0"
+            assert eventually(lambda: ends(update))
+            assert update.send_req("status").get().value == "1"
+        thread.join()
+
+
+def ends(update: ResourceHandle) -> bool:
+    """Return whether the connection behind a resource has ended."""
+    side: Any = update.resource()
+    return bool(side._root_side._has_ended(side._root_side._socket))
 
 
 def test_what_is_not_an_update_is_refused(tmp_path: Path) -> None:
