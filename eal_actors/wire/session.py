@@ -27,6 +27,7 @@ from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER, DEFAULT_NETWORK, NetworkConfig, parse_endpoint
 from eal_actors.wire.engine_exit import close_at_exit
+from eal_actors.wire.engine_threads import share_threads
 from eal_actors.wire.format.packing import MAX_ENVELOPE_BYTES, MAX_PAYLOAD_BYTES
 from eal_actors.wire.link_watch import Link, watching
 from eal_actors.wire.security.accept_guard import ROBOT_STRANGERS, ROUTER_STRANGERS, guarding, raise_file_limit
@@ -258,6 +259,7 @@ def open_session(
     """
     import zenoh
 
+    share_threads()
     try:
         checked = zenoh.Config.from_json5(json.dumps(config))
     except zenoh.ZError as error:
