@@ -20,6 +20,7 @@ from collections.abc import Callable
 from typing import Any, ClassVar, Final, Protocol, Self
 
 import pykka
+from pykka._envelope import Envelope as PykkaEnvelope
 from pykka.messages import _ActorStop
 from typing_extensions import override
 
@@ -187,8 +188,7 @@ class Inbox:
                 if self._borrower is None:
                     if self._urgent:
                         return self._urgent.popleft()
-                    timer = self._timers.first()
-                    if timer is not None:
+                    if self._timers.heap and (timer := self._timers.first()) is not None:
                         timeout_s = timer.time_s - self.clock.now()
                         if timeout_s <= ROUNDING_S and not (self._normal and self._normal[0][0] < timer.order):
                             self._timers.pop()
@@ -310,7 +310,8 @@ class EALActor(pykka.ThreadingActor):
             envelope = inbox.get()
             reply_to = envelope.reply_to
             try:
-                response = self._handle_receive(envelope.message)
+                is_foreign = type(envelope) is PykkaEnvelope  # ours are their own messages
+                response = self._handle_receive(envelope.message if is_foreign else envelope)
                 if reply_to is not None:
                     reply_to.set(response)
             except AbandonedThread:

@@ -83,6 +83,8 @@ class Call(Future[T]):
     """The greatest error of `began_s` in seconds: over 0 where it comes from another machine's clock."""
     stamp_error_s: float = 0.0
     """The greatest error of the answer's `stamp_s` in seconds: over 0 where it is from another machine's clock."""
+    stops: bool = False
+    """Whether it is a stop: it overtakes everything that waits."""
     caller: str = ""
     """The name of the calling process if it is another one; empty for this one."""
     span: spans.Span | None = None
@@ -102,7 +104,6 @@ class Call(Future[T]):
         self.arguments = arguments
         self.timeout_s = timeout_s
         self.call_id = next(_call_ids)
-        self.stops = False
         if spans.tracer is not None:
             self._trace(spans.tracer)
         if _watchers:
@@ -172,7 +173,7 @@ class Call(Future[T]):
     @override
     def fail(self, error: BaseException) -> None:
         """Set the failure, naming the resource."""
-        self._finish(None, error.at(self.cell.robot, self.cell.name) if isinstance(error, EALError) else error)
+        self.settle(None, error.at(self.cell.robot, self.cell.name) if isinstance(error, EALError) else error)
 
     @override
     def _cancellation_error(self) -> EALError:
@@ -306,21 +307,23 @@ class ResourceCell:
         """Remove a callback; harmless if it is not there. Thread: any."""
         self._close_callbacks.discard(callback)
 
-    def submit(self, call: Call[Any], *, among_many: bool = False) -> None:
+    def submit(self, call: Call[Any], *, among_many: bool = False, has_arrived: bool = False) -> None:
         """Put a call in the normal lane, or run it at once; a refusal becomes the call's outcome.
 
         Args:
             call: the call.
             among_many: it is one of many calls; see `Clock.spares_turn`.
+            has_arrived: it has passed the link.
 
         Thread: any; never blocks.
         """
-        if self.link.is_faulty:
-            self.carry(lambda: self._submit(call))
-        elif self.serve_now is None or not self.clock.spares_turn(among_many=among_many) or not self.serve_now(call):
-            self._submit(call)
-
-    def _submit(self, call: Call[Any]) -> None:
+        if not has_arrived:
+            if self.link.is_faulty:
+                self.carry(lambda: self.submit(call, has_arrived=True))
+                return
+            serve_now = self.serve_now
+            if serve_now is not None and self.clock.spares_turn(among_many=among_many) and serve_now(call):
+                return
         actor = self.actor
         if self.latch.reason is not None and self.latch.refuses(call):
             return

@@ -96,10 +96,10 @@ def gather(futures: Iterable[Future[T]], *, return_exceptions: bool = False) -> 
         errors = [part._error for part in parts]  # one family of classes
         failure = next((error for error in errors if error is not None), None)
         if failure is not None and not return_exceptions:
-            combined._finish(None, failure, call_soon)
+            combined.settle(None, failure, call_soon)
         else:
             results = [error or part._value for part, error in zip(parts, errors, strict=True)]
-            combined._finish(results, None, call_soon)
+            combined.settle(results, None, call_soon)
 
     combined.watch(count)
     return combined
@@ -122,11 +122,11 @@ def first(futures: Iterable[Future[T]]) -> Future[T]:
         is_last = combined.count_down()
         error = part._error  # one family of classes
         if error is None:
-            if combined._finish(part._value, None, call_soon):
+            if combined.settle(part._value, None, call_soon):
                 cancel_parts = combined._given_up
                 cancel_parts() if call_soon is None else call_soon(cancel_parts)
         elif is_last:
-            combined._finish(None, error, call_soon)
+            combined.settle(None, error, call_soon)
 
     combined.watch(check)
     return combined

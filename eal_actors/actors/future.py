@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import concurrent.futures
+import math
 import sys
 import threading
 from collections.abc import Callable, Generator
@@ -19,7 +20,7 @@ from typing import Any, Protocol, TypeAlias, TypeVar
 import pykka
 from typing_extensions import override
 
-from eal_actors.kernel.clock import REAL_TIME, Clock, Timer, new_waiter, wait_in_scope
+from eal_actors.kernel.clock import REAL_TIME, Clock, Timer, wait_in_scope
 from eal_actors.kernel.errors import CallCancelledError, DeadlineError, EALError, WaitTimeoutError
 from eal_actors.kernel.log import get_logger
 
@@ -82,6 +83,11 @@ class Future(pykka.Future[T]):
 
     # Outcome.
 
+    @property
+    def outcome(self) -> tuple[Any, BaseException | None]:
+        """The result and the failure of a future that is done; one is None. Thread: any."""
+        return self._value, self._error
+
     def done(self) -> bool:
         """Return whether there is an outcome. Thread: any."""
         return self._done
@@ -93,7 +99,7 @@ class Future(pykka.Future[T]):
     @override
     def set(self, value: Any = None) -> None:
         """Set the result unless there is an outcome already. Thread: any."""
-        self._finish(value, None)
+        self.settle(value, None)
 
     @override
     def set_exception(self, exc_info: BaseException | OptExcInfo | None = None) -> None:
@@ -101,21 +107,22 @@ class Future(pykka.Future[T]):
         error = exc_info if isinstance(exc_info, BaseException) else (exc_info or sys.exc_info())[1]
         if error is None:
             raise TypeError("set_exception needs an exception where none is being handled")
-        self._finish(None, error)
+        self.settle(None, error)
 
     def fail(self, error: BaseException) -> None:
         """Set the failure. Thread: any."""
-        self._finish(None, error)
+        self.settle(None, error)
 
-    def settle(self, value: Any, error: BaseException | None, call_soon: CallSoon) -> None:
-        """Set an outcome from a thread that must not block, such as one of the network engine.
+    def settle(self, value: Any, error: BaseException | None, call_soon: CallSoon | None = None) -> bool:
+        """Set the outcome; return False if there is one already.
 
-        Waiting threads wake up and relays run at once; callbacks go to `call_soon`. Thread: any.
+        Args:
+            value: the result.
+            error: the failure; None for a result.
+            call_soon: runs the callbacks, if this thread must not block; waiting threads and relays do not wait for it.
+
+        Thread: any.
         """
-        self._finish(value, error, call_soon)
-
-    def _finish(self, value: Any, error: BaseException | None, call_soon: CallSoon | None = None) -> bool:
-        """Set the outcome; return False if there is one already."""
         with self._lock:
             if self._done:
                 return False
@@ -124,23 +131,26 @@ class Future(pykka.Future[T]):
                 self._error = error
                 self._traceback = error.__traceback__
             self._done = True
-            waiters, callbacks, relays, timer = self._waiters, self._callbacks, self._relays, self._timer
-            self._waiters = self._callbacks = self._relays = self._timer = None
-        if waiters:
-            for waiter in waiters:
+        if self._waiters is not None:  # nothing is added to the four of them from now on
+            for waiter in self._waiters:
                 self.clock.wake(waiter)
-        if timer is not None:
-            timer.cancel()
-        if relays:
+        if self._timer is not None:
+            self._timer.cancel()
+        relays, self._relays = self._relays, None
+        if relays is not None:
             for relay in relays:
                 relay(self, call_soon)
-        if callbacks:
-            for callback in callbacks:
-                if call_soon is None:
-                    self._run_callback(callback)
-                else:
-                    call_soon(partial(self._run_callback, callback))
+        if self._callbacks is not None:
+            self._run_callbacks(call_soon)
         return True
+
+    def _run_callbacks(self, call_soon: CallSoon | None) -> None:
+        callbacks, self._callbacks = self._callbacks or [], None
+        for callback in callbacks:
+            if call_soon is None:
+                self._run_callback(callback)
+            else:
+                call_soon(partial(self._run_callback, callback))
 
     def _run_callback(self, callback: Callable[[Future[T]], None]) -> None:
         try:
@@ -150,14 +160,14 @@ class Future(pykka.Future[T]):
 
     def cancel(self) -> bool:
         """Cancel the call and stop what it started; return False if there was an outcome already. Thread: any."""
-        if self._finish(None, self._cancellation_error()):
+        if self.settle(None, self._cancellation_error()):
             self._given_up()
             return True
         return False
 
     def expire(self) -> None:
         """Fail with DeadlineError unless there is an outcome. Thread: any."""
-        if self._finish(None, self._deadline_error()):
+        if self.settle(None, self._deadline_error()):
             self._given_up()
 
     def _cancellation_error(self) -> EALError:
@@ -201,20 +211,21 @@ class Future(pykka.Future[T]):
         return self._error
 
     def _wait(self, timeout: float | None) -> None:
-        waiter = new_waiter()
+        clock, limit = self.clock, self.deadline_s
+        if timeout is not None:
+            limit = min(clock.now() + timeout, math.inf if limit is None else limit)
+        waiter = threading.Lock()  # as new_waiter, in every call
+        waiter.acquire()
         with self._lock:
             if self._done:
                 return
             if self._waiters is None:
-                self._waiters = []
-            self._waiters.append(waiter)
-        clock = self.clock
-        limit = None if timeout is None else clock.now() + timeout
-        if self.deadline_s is not None and (limit is None or self.deadline_s <= limit):
-            limit = self.deadline_s
+                self._waiters = [waiter]
+            else:
+                self._waiters.append(waiter)
+        remaining = None
         while not self._done:
-            remaining = None if limit is None else limit - clock.now()
-            if remaining is not None and remaining <= 0:
+            if limit is not None and (remaining := limit - clock.now()) <= 0:
                 break
             try:
                 wait_in_scope(clock, waiter, remaining)
@@ -232,7 +243,7 @@ class Future(pykka.Future[T]):
 
     def _remove_waiter(self, waiter: threading.Lock) -> None:
         with self._lock:
-            if self._waiters is not None:
+            if self._waiters is not None and not self._done:
                 self._waiters.remove(waiter)
 
     # Callbacks.

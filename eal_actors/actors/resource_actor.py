@@ -269,7 +269,9 @@ class ResourceActor(ReadinessActor):
         elif call._done or not self._may_begin(call, deadline_s):  # it was cancelled while it waited
             return
         self._current = call
-        self.busy(deadline_s)
+        self.busy_until_s = deadline_s
+        if deadline_s < self.watched_until_s:  # as busy, in every call
+            self.busy(deadline_s)
         log.set_call(call.call_id)
         if log.debug_enabled or call.span is not None:
             self._trace(call)
@@ -279,7 +281,7 @@ class ResourceActor(ReadinessActor):
             result = self._methods[call.method](*call.arguments)
             if type(result) is PendingResult:
                 self.begin(call, *result)
-            elif not call._finish(result, None):
+            elif not call.settle(result, None):
                 self._undo(call)
         except AbandonedThread:
             raise
@@ -315,7 +317,7 @@ class ResourceActor(ReadinessActor):
 
     def _fail_call(self, call: Call[Any], error: BaseException) -> None:
         if call.stops and isinstance(error, NotReadyError) and self._owe_halt(error):
-            call._finish(1, None)
+            call.settle(1, None)
             return
         may_move = call.method in MOTION_METHODS and not isinstance(error, EALError)
         if may_move and isinstance(error, Exception):  # it may have started a motion; a crash halts by itself

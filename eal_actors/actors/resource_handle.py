@@ -7,7 +7,7 @@ from typing import Any
 
 from eal_actors.actors.call import Call, ResourceCell
 from eal_actors.actors.feeds import Encoding, Feed, Sink, StreamSpec
-from eal_actors.actors.future import Future
+from eal_actors.actors.future import Future, Relay
 from eal_actors.actors.resource_actor import data_of
 from eal_actors.actors.robot_view import MailboxLoad, mailbox_load
 from eal_actors.actors.streams import PolledFeed, Stream
@@ -85,7 +85,7 @@ class ResourceHandle:
             begin_by_s: the latest time of the fleet's clock to begin it; None for no limit.
             start_s: the time of the fleet's clock to begin it; None for at once, as stops always do.
 
-        Thread: any; does not block. Reads a value that takes no time (`Resource.glance`), if nothing waits before it.
+        Thread: any; does not block.
         """
         cell = self._cell
         call: Call[Any] = Call(cell, method, arguments, timeout_s)
@@ -94,13 +94,32 @@ class ResourceHandle:
         stops = method == "halt" or (method == "send_cmd" and info is not None and arguments[0] in info.urgent_commands)
         if stops or method == "get_status":
             cell.submit_urgent(call, stops=stops)
-        elif method != "get_value" or cell.read_now is None or cell.link.is_faulty or not cell.read_now(call):
+        else:
             cell.submit(call)
         return call
 
+    def start_reading(self, method: str, arguments: tuple[Any, ...], timeout_s: float, relay: Relay) -> None:
+        """Call a method that changes nothing, as start_call.
+
+        Args:
+            method: the method.
+            arguments: its arguments.
+            timeout_s: seconds of the fleet's clock until its deadline.
+            relay: gets the outcome; see `Future.link`.
+
+        Thread: any; does not block. Reads a value that takes no time (`Resource.glance`), if nothing waits before it.
+        """
+        cell = self._cell
+        call: Call[Any] = Call(cell, method, arguments, timeout_s)
+        call._relays = [relay]  # before anybody else has the call, so that no lock is needed
+        if method == "get_status":
+            cell.submit_urgent(call, stops=False)
+        elif method != "get_value" or cell.read_now is None or cell.link.is_faulty or not cell.read_now(call):
+            cell.submit(call)
+
     @property
     def reads_now(self) -> bool:
-        """Whether `start_call` may read its value in the caller's thread. Thread: any."""
+        """Whether `start_reading` may read its value in the caller's thread. Thread: any."""
         return self._cell.read_now is not None
 
     def open_feed(self, spec: StreamSpec, sink: Sink) -> Feed:
@@ -145,7 +164,10 @@ class ResourceHandle:
 
     def get_value(self, *, timeout_s: float | None = None) -> Call[EALData]:
         """Return the value."""
-        return self._call("get_value", (), timeout_s)
+        cell = self._cell  # as _call, in every reading
+        call: Call[EALData] = Call(cell, "get_value", (), cell.timeout_s if timeout_s is None else timeout_s)
+        cell.submit(call)
+        return call
 
     def glance(self) -> EALData | None:
         """Return the value at once if this process knows it, without a call; None where get_value must ask.

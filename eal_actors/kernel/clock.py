@@ -53,12 +53,11 @@ def acquire_alert(lock: threading.Lock, real_s: float) -> bool:
     if threading.get_ident() != _MAIN_THREAD:
         return lock.acquire(timeout=min(real_s, threading.TIMEOUT_MAX))
     end_s = time.monotonic() + real_s
-    while True:  # a signal just before a wait begins would be handled only after it
-        left_s = end_s - time.monotonic()
-        if left_s <= _SIGNAL_CHECK_S:
-            return lock.acquire(timeout=max(left_s, 0.0))
+    while real_s > _SIGNAL_CHECK_S:  # a signal just before a wait begins would be handled only after it
         if lock.acquire(timeout=_SIGNAL_CHECK_S):
             return True
+        real_s = end_s - time.monotonic()
+    return lock.acquire(timeout=max(real_s, 0.0))
 
 
 class Clock(ABC):
@@ -111,6 +110,14 @@ class Clock(ABC):
     def of_real(self, duration_s: float) -> float:
         """Return a time-out of so many real seconds in seconds of this clock. Thread: any."""
         return duration_s
+
+    def to_real(self, time_s: float) -> float:
+        """Return the real time (REAL_TIME) of a time of this clock. Thread: any."""
+        return REAL_TIME.now() + (time_s - self.now()) / self.of_real(1.0)
+
+    def from_real(self, real_s: float) -> float:
+        """Return the time of this clock at a real time (REAL_TIME). Thread: any."""
+        return self.now() + self.of_real(real_s - REAL_TIME.now())
 
     def start(self, thread: threading.Thread) -> None:
         """Start a thread that follows this clock. Thread: any."""
@@ -227,26 +234,38 @@ class ScaledClock(Clock):
 
     Args:
         rate: seconds of this clock in one real second, over 0; 1 is real time.
+
+    Attributes:
+        start_s: the system's monotonic time at which it was made.
     """
 
     def __init__(self, rate: float = 1.0) -> None:
         if not rate > 0:
             raise ValueError(f"a clock's rate must be over 0, not {rate}")
         self.rate: Final = float(rate)
-        self._start_s = time.monotonic()
+        self.start_s: Final = time.monotonic()
 
     @override
     def now(self) -> float:
-        return (time.monotonic() - self._start_s) * self.rate
+        return (time.monotonic() - self.start_s) * self.rate
 
     @override
     def wait(self, waiter: threading.Lock, timeout_s: float | None) -> bool:
-        real_s = threading.TIMEOUT_MAX if timeout_s is None else max(timeout_s, 0.0) / self.rate
-        return acquire_alert(waiter, real_s)
+        if timeout_s is None:
+            return acquire_alert(waiter, threading.TIMEOUT_MAX)
+        return acquire_alert(waiter, timeout_s / self.rate if timeout_s > 0 else 0.0)
 
     @override
     def of_real(self, duration_s: float) -> float:
         return duration_s * self.rate
+
+    @override
+    def to_real(self, time_s: float) -> float:
+        return time_s / self.rate + self.start_s - REAL_TIME.start_s
+
+    @override
+    def from_real(self, real_s: float) -> float:
+        return (real_s + REAL_TIME.start_s - self.start_s) * self.rate
 
 
 class SystemClock(ScaledClock):
@@ -290,33 +309,39 @@ R = TypeVar("R", bound=Timer)
 
 
 class TimerHeap(Generic[R]):
-    """Timers in the order of their times. Cancelled ones are removed now and then. Thread: its owner locks it."""
+    """Timers in the order of their times. Cancelled ones are removed now and then.
+
+    Attributes:
+        heap: the timers with their times and orders, cancelled ones among them.
+
+    Thread: its owner locks it.
+    """
 
     def __init__(self) -> None:
-        self._heap: list[tuple[float, int, R]] = []
+        self.heap: list[tuple[float, int, R]] = []
         self._sweep_at = _SWEEP_AT
 
     def __len__(self) -> int:
-        return len(self._heap)
+        return len(self.heap)
 
     def add(self, timer: R) -> None:
         """Add a timer."""
-        heapq.heappush(self._heap, (timer.time_s, timer.order, timer))
-        if len(self._heap) > self._sweep_at:
-            self._heap = [entry for entry in self._heap if entry[2].action is not None]
-            heapq.heapify(self._heap)
-            self._sweep_at = max(_SWEEP_AT, 2 * len(self._heap))
+        heapq.heappush(self.heap, (timer.time_s, timer.order, timer))
+        if len(self.heap) > self._sweep_at:
+            self.heap = [entry for entry in self.heap if entry[2].action is not None]
+            heapq.heapify(self.heap)
+            self._sweep_at = max(_SWEEP_AT, 2 * len(self.heap))
 
     def first(self) -> R | None:
         """Return the next timer, or None."""
-        while self._heap and self._heap[0][2].action is None:
-            heapq.heappop(self._heap)
-        return self._heap[0][2] if self._heap else None
+        while self.heap and self.heap[0][2].action is None:
+            heapq.heappop(self.heap)
+        return self.heap[0][2] if self.heap else None
 
     def pop(self) -> R:
         """Remove the timer that `first` returned."""
-        return heapq.heappop(self._heap)[2]
+        return heapq.heappop(self.heap)[2]
 
     def clear(self) -> None:
         """Remove all timers."""
-        self._heap.clear()
+        self.heap.clear()

@@ -24,7 +24,7 @@ from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import DEFAULT_NETWORK, NetworkConfig
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import decode_call
-from eal_actors.wire.format.parts import PartStore, is_part
+from eal_actors.wire.format.parts import BEGINS_PART, PartStore
 from eal_actors.wire.security.key_watch import WATCH_PERIOD_S, KeyWatch
 from eal_actors.wire.security.revocation import revoke
 from eal_actors.wire.session import open_session
@@ -150,11 +150,11 @@ def router_session(fleet: FleetConfig | None, name: str, configure: Callable[[],
         keeper.close()
 
 
-def _store_revoked(folder: Path, parts: PartStore, call: zenoh.Sample) -> None:
+def _store_revoked(folder: Path, parts: PartStore, key: str, call: zenoh.Sample) -> None:
     try:
         envelope = b"" if call.attachment is None else call.attachment.to_bytes()
-        if is_part(envelope):
-            whole = parts.add(str(call.key_expr), envelope, call.payload.to_bytes())
+        if envelope[:1] == BEGINS_PART:
+            whole = parts.add(key, envelope, call.payload.to_bytes())
             if whole is None:
                 return
             envelope, _ = whole

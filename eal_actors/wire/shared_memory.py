@@ -6,18 +6,24 @@ user (or root) that see each other's process ids. No name appears in /dev/shm, a
 last of both processes closes it or is killed.
 
 Layout: a page with a random token and the states of the slots, then the slots. A state is 0 while the slot is free and
-else the number of the value in it. The robot writes into free slots only, and only the controller frees a slot, after
-it has copied the value. So no value changes while it is read, and a robot that finds no free slot sends the value over
-the link. The file is sealed: nobody can shrink it, which would kill the other process with SIGBUS.
+else the number of the value in it. The robot writes into free slots only, and only the controller frees a slot, once
+nothing in its process refers to the value. So no value changes while it is read, and a robot that finds no free slot
+sends the value over the link. A program that keeps many values gets copies. The file is sealed: nobody can shrink it,
+which would kill the other process with SIGBUS.
 """
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import mmap
 import os
 import secrets
 import stat
 import threading
+import weakref
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Final, NamedTuple, Self
 
@@ -31,6 +37,8 @@ MOST_BYTES: Final = 8 * 1024**2
 """Length of the largest slot."""
 
 _SLOTS: Final = 4
+_SPARE_SLOTS: Final = 2
+"""Slots that values in use leave free."""
 _MOST_SLOTS: Final = 64
 _PAGE: Final = mmap.PAGESIZE
 _TOKEN_BYTES: Final = 16
@@ -102,10 +110,17 @@ class _Mapping:
         self.content = memoryview(self._map)
         self.states = self.content[:_PAGE].cast("Q")[_FIRST_STATE : _FIRST_STATE + offer.slots]
 
+    def value(self, start: int, length: int, free: Callable[[], None]) -> memoryview:
+        """Return a part of the content without a copy; `free` is called when nothing refers to it any more."""
+        part = (ctypes.c_ubyte * length).from_buffer(self._map, start)
+        weakref.finalize(part, free).atexit = False
+        return memoryview(part).cast("B").toreadonly()
+
     def close(self) -> None:
         self.states.release()
         self.content.release()
-        self._map.close()
+        with contextlib.suppress(BufferError):  # the last value in use closes it
+            self._map.close()
 
 
 class OwnedMemory:
@@ -125,6 +140,7 @@ class OwnedMemory:
             raise OSError("this system has no memfd_create")
         slot_bytes = -(-value_bytes // _PAGE) * _PAGE
         self._lock = threading.Lock()
+        self._taken: set[int] = set()  # numbers of the values in use
         self._fd = os.memfd_create("eal-values", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
         try:
             token = secrets.token_bytes(_TOKEN_BYTES)
@@ -148,8 +164,8 @@ class OwnedMemory:
                 for slot in range(_SLOTS):
                     self._mapping.states[slot] = _FREE
 
-    def take(self, value: SharedValue) -> bytes:
-        """Return a copy of a value, and free its slot.
+    def take(self, value: SharedValue) -> Payload:
+        """Return a value, which keeps its slot while it is in use; a copy if few slots are free.
 
         Raises:
             ProtocolError: there is no such slot.
@@ -162,11 +178,21 @@ class OwnedMemory:
             )
         start = _PAGE + value.slot * offer.slot_bytes
         with self._lock:
-            if self._mapping is None or self._mapping.states[value.slot] != value.number:
+            mapping = self._mapping
+            if mapping is None or mapping.states[value.slot] != value.number or value.number in self._taken:
                 raise UnavailableError("a value is no longer in shared memory; read it again")
-            copy = bytes(self._mapping.content[start : start + value.length])
-            self._mapping.states[value.slot] = _FREE
+            if list(mapping.states).count(_FREE) >= _SPARE_SLOTS:
+                self._taken.add(value.number)
+                return mapping.value(start, value.length, partial(self._free, mapping.states, value))
+            copy = bytes(mapping.content[start : start + value.length])
+            mapping.states[value.slot] = _FREE
         return copy
+
+    def _free(self, states: memoryview, value: SharedValue) -> None:
+        """Free the slot of a value that is no longer in use. Thread: any; it may hold the lock, so this takes none."""
+        self._taken.discard(value.number)
+        with contextlib.suppress(ValueError):  # the memory is closed
+            states[value.slot] = _FREE
 
     def close(self) -> None:
         """Close this end; the robot's follows within a second."""

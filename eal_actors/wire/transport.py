@@ -4,9 +4,11 @@ Why channels: a callback in zenoh's own threads takes the interpreter's lock fro
 than a hop between two Python threads. So each subscription has a channel and a Python thread that reads it. A full
 channel holds up zenoh's thread and with it the sender, as a full socket would; handlers do not block.
 
-Why publishers: a message of a declared publisher carries a number in place of the key, and both ends know its route;
-a call takes a tenth less. A publisher is declared once its key has been used a few times, since declaring thousands of
-keys that are used once would cost more than it saves.
+Why keys are declared at both ends: a message of a declared publisher carries a number in place of the key, and both
+ends know its route. A receiver that has not declared the key itself compares it with the key expressions of all its
+subscriptions, 5 µs and more for each message. Together that is a sixth of a call. A key is declared once it has been
+used a few times, since declaring thousands of keys that are used once would cost more than it saves. Our own session is
+no destination, so the engine does not look for subscriptions there.
 
 Thread: any.
 """
@@ -29,9 +31,9 @@ if TYPE_CHECKING:
 _CAPACITY: Final = 64
 """Messages that wait for the reader of a subscription; the engine itself holds many more in its link."""
 _DECLARE_AT: Final = 8
-"""Uses of a key after which its publisher is declared."""
+"""Uses of a key after which it is declared."""
 _MAX_KEYS: Final = 4096
-"""Keys that are counted or have a publisher; messages to further ones carry the key as text."""
+"""Keys sent that are counted or declared, and as many received; messages of further ones carry the key as text."""
 
 
 class Transport:
@@ -52,8 +54,11 @@ class Transport:
         self._priorities = zenoh.Priority.DATA, zenoh.Priority.REAL_TIME
         self._congestion = zenoh.CongestionControl.DROP, zenoh.CongestionControl.BLOCK
         self._subscribers: list[zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]] = []
-        self._publishers: dict[str, zenoh.Publisher] = {}
-        self._uses: dict[str, int] = {}
+        self._elsewhere = zenoh.Locality.REMOTE
+        self._publishers: tuple[dict[str, zenoh.Publisher], ...] = {}, {}  # of messages that are not vital, and vital
+        self._received: dict[str, zenoh.KeyExpr] = {}
+        self._uses: tuple[dict[str, int], ...] = {}, {}
+        self._receipts: dict[str, int] = {}
 
     def put(
         self,
@@ -77,45 +82,46 @@ class Transport:
 
         Thread: any that may wait; blocks only while a link is full, at most until the engine closes that link.
         """
-        publisher = self._publishers.get(key)
+        publisher = self._publishers[is_vital].get(key)
         content = payload if type(payload) is bytes else bytes(payload)
         if engine_exit.has_begun:
             return False
         try:
-            if publisher is not None and is_last and is_vital and not is_urgent:
+            if publisher is not None and is_last and not is_urgent:
                 publisher.put(content, attachment=envelope)
                 return True
+            if publisher is None and _count(self._uses[is_vital], key):
+                self._declare_publisher(key, is_vital=is_vital)
             self.session.put(
-                self._count(key) if publisher is None else publisher.key_expr,
+                key if publisher is None else publisher.key_expr,
                 content,
                 attachment=envelope,
                 priority=self._priorities[is_urgent],
                 congestion_control=self._congestion[is_vital],
                 express=is_last,
+                allowed_destination=self._elsewhere,
             )
         except Exception as error:  # noqa: BLE001  # zenoh's own: the link broke, or the session is being closed
             get_logger().debug("a message could not be sent", key=key, reason=error_text(error))
             return False
         return True
 
-    def _count(self, key: str) -> str:
-        """Count a use of a key, and declare its publisher after some; return the key."""
-        uses = self._uses.get(key, 0)
-        if uses or len(self._uses) < _MAX_KEYS:
-            self._uses[key] = uses + 1
-        if uses == _DECLARE_AT:
-            self._publishers[key] = self.session.declare_publisher(
-                key, priority=self._priorities[0], congestion_control=self._congestion[1], express=True
-            )
-        return key
+    def _declare_publisher(self, key: str, *, is_vital: bool) -> None:
+        self._publishers[is_vital][key] = self.session.declare_publisher(
+            key,
+            priority=self._priorities[0],
+            congestion_control=self._congestion[is_vital],
+            express=True,
+            allowed_destination=self._elsewhere,
+        )
 
-    def receive(self, key: str, name: str, handle: Callable[[zenoh.Sample], None]) -> Callable[[], None]:
+    def receive(self, key: str, name: str, handle: Callable[[str, zenoh.Sample], None]) -> Callable[[], None]:
         """Pass the messages of a key expression to a handler, in a thread of their own.
 
         Args:
             key: the key expression.
             name: name of the thread.
-            handle: called with each message; must not block. What it raises is logged.
+            handle: called with the key of each message and the message; must not block. What it raises is logged.
 
         Returns:
             A function that ends it; harmless if the session is closed.
@@ -132,11 +138,14 @@ class Transport:
                 while not engine_exit.is_over:
                     if sample is None:
                         sample = channel.recv()
+                    received = str(sample.key_expr)
                     try:
                         if not engine_exit.has_begun:
-                            handle(sample)
+                            if received not in self._received and _count(self._receipts, received):
+                                self._received[received] = self.session.declare_keyexpr(received)
+                            handle(received, sample)
                     except Exception as error:  # noqa: BLE001  # one bad message must not end the thread
-                        get_logger().exception("a message was not handled", key=key, error=error_text(error))
+                        get_logger().exception("a message was not handled", key=received, error=error_text(error))
                     sample = channel.try_recv()  # keeps the interpreter's lock, which busy threads give up late
 
         def end() -> None:
@@ -146,3 +155,11 @@ class Transport:
 
         threading.Thread(target=read, name=name, daemon=True).start()
         return end
+
+
+def _count(uses: dict[str, int], key: str) -> bool:
+    """Count a use of a key; return whether it is to be declared now."""
+    before = uses.get(key, 0)
+    if before or len(uses) < _MAX_KEYS:
+        uses[key] = before + 1
+    return before == _DECLARE_AT

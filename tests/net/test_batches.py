@@ -80,10 +80,10 @@ class Crowd:
         self.counters = {name: (Counter(), QuickCounter()) for name in config.robots}
         receive, receive_batch = RobotHost._on_call, RobotHost._receive_batch
 
-        def on_call(host: RobotHost, sample: Any) -> None:
-            if "/Counter/" in str(sample.key_expr):
+        def on_call(host: RobotHost, key: str, sample: Any) -> None:
+            if "/Counter/" in key:
                 self.received.append(1)
-            receive(host, sample)
+            receive(host, key, sample)
 
         def on_batch(host: RobotHost, key: str, route: Any, rows: list[list[Any]]) -> None:
             self.received[-1:] = [len(rows)]
@@ -105,11 +105,11 @@ class Crowd:
         gate = threading.Event()
         robot: Any = next(iter(self.fleet.values()))
         sender = robot._actor._controller.sender
-        sender.window.sent()  # as if a call were under way, so that no caller sends its own
+        sender.window.calls.add("held")  # as if a call were under way, so that no caller sends its own
 
         def wait() -> None:
             gate.wait(WAIT_S)
-            sender.window.answered()
+            sender.window.answered("held")
 
         sender.actor_inbox.call_soon(wait)
         return gate

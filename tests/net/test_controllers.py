@@ -70,11 +70,11 @@ MAILBOX = 256
 def hold_up(remote: RobotHandle, gate: threading.Event) -> None:
     """Block outgoing calls until the gate opens, as a stalled link does."""
     controller = remote._actor._controller  # type: ignore[attr-defined]
-    controller.sender.window.sent()  # as if a call were under way: no call is sent from its caller's thread
+    controller.sender.window.calls.add("held")  # as if a call were under way: no call is sent from its caller's thread
 
     def wait() -> None:
         gate.wait(WAIT_S)
-        controller.sender.window.answered()
+        controller.sender.window.answered("held")
 
     controller.sender.actor_inbox.call_soon(wait)
 

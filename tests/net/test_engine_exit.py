@@ -26,7 +26,7 @@ from eal_actors.wire.transport import Transport
 arrived = threading.Event()
 session = open_session(probe_config(sys.argv[1]))
 transport = Transport(session.__enter__())
-transport.receive("eal/ticks", "reader", lambda _: arrived.set())
+transport.receive("eal/ticks", "reader", lambda *_: arrived.set())
 assert arrived.wait(30)
 """
 """It receives messages, and ends without closing its session."""

@@ -236,7 +236,7 @@ real = time.monotonic
 time.monotonic = lambda: real() * {rate} + {shift}
 import eal_actors.kernel.clock as clock
 assert clock.SystemClock().rate == 1.0
-clock.REAL_TIME._start_s = -{shift}
+clock.REAL_TIME.start_s = -{shift}
 from eal_actors.cli import main
 sys.argv = ["eal", "serve", "--fleet", sys.argv[1], "--robot", "r1"]
 main()

@@ -9,7 +9,7 @@ import math
 import struct
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from eal_actors.device.data.c_types import (
     ARRAY_BY_DTYPE,
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 Payload = bytes | memoryview
 Stored = tuple[Any, Payload | None, int, tuple[int, ...] | None]
 """The content of an EALData: value, payload, length and shape; value or payload may be None until it is needed."""
+_SCALARS: Final = {c_type.code: struct.Struct(f"<{c_type.code}") for c_type in C_TYPES.values()}
 
 
 def infer(value: Any) -> tuple[CType, Any]:
@@ -210,7 +211,7 @@ def read(c_type: CType, payload: Payload) -> Stored:
             raise DataError(f"payload: {c_type.name} takes {c_type.width} bytes, not {length}")
         if c_type.code in "cs":
             return _store_scalar(c_type, payload[0] if length else None)
-        return struct.unpack(f"<{c_type.code}", payload)[0], payload, length, None
+        return _SCALARS[c_type.code].unpack(payload)[0], payload, length, None
     if length % c_type.width:
         raise DataError(f"payload: {length} bytes are no whole number of {c_type.name}, {c_type.width} bytes each")
     if c_type == TEXT:
@@ -252,7 +253,7 @@ def pack(c_type: CType, value: Any, length: int, shape: tuple[int, ...] | None) 
         return value.encode().ljust(length, b"\0")
     if shape is not None:
         return memoryview(value.reshape(-1).view("u1"))
-    return struct.pack(f"<{c_type.code}", value)
+    return _SCALARS[c_type.code].pack(value)
 
 
 def unpack(c_type: CType, payload: Payload) -> list[Any]:

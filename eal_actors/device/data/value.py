@@ -177,7 +177,8 @@ class EALData:
         stamp_s: float | None = None,
     ) -> EALData:
         """Rebuild an EALData from its bytes like `from_payload`, with its type from the table; raises the same."""
-        view, self = as_bytes(payload), cls.__new__(cls)
+        view = payload if type(payload) is bytes else as_bytes(payload)
+        self = cls.__new__(cls)
         if c_type.code == "?" and bytes(view).strip(b"\0\1"):
             raise DataError("payload: a bool is 0 or 1, other bytes have no meaning")
         if shape is None and dtype is None:
@@ -196,8 +197,7 @@ class EALData:
         """
         if unit is None and frame_id is None and stamp_s is None:
             return self
-        stamp_s = _checked_meta(unit, frame_id, stamp_s)
-        return EALData._store(
+        return EALData._fill(
             EALData.__new__(EALData),
             self._c_type,
             (self._value, self._payload, self._length, self._shape),
@@ -206,28 +206,22 @@ class EALData:
             self._stamp_s if stamp_s is None else stamp_s,
         )
 
-    def restamped(self, stamp_s: float) -> EALData:
-        """Return the same value with a finite time: `with_meta` without its checks, for every message of a network."""
-        copy = object.__new__(EALData)
-        copy._c_type, copy._unit, copy._frame_id, copy._stamp_s = self._c_type, self._unit, self._frame_id, stamp_s
-        copy._value, copy._payload, copy._length, copy._shape = self._value, self._payload, self._length, self._shape
-        return copy
+    def restamp(self, stamp_s: float | None) -> None:
+        """Set the time of a value that nobody else has yet; for decoders."""
+        self._stamp_s = stamp_s
 
     def _fill(
         self, c_type: CType, stored: Stored, unit: str | None, frame_id: str | None, stamp_s: float | None
     ) -> EALData:
-        if unit is not None or frame_id is not None or stamp_s is not None:
-            stamp_s = _checked_meta(unit, frame_id, stamp_s)
-        return self._store(c_type, stored, unit, frame_id, stamp_s)
-
-    def _store(
-        self, c_type: CType, stored: Stored, unit: str | None, frame_id: str | None, stamp_s: float | None
-    ) -> EALData:
+        checked_s = stamp_s
+        is_plain = stamp_s is None or (type(stamp_s) is float and -_MAX_S <= stamp_s <= _MAX_S)
+        if unit is not None or frame_id is not None or not is_plain:
+            checked_s = _checked_meta(unit, frame_id, stamp_s)
         self._c_type = c_type
         self._value, self._payload, self._length, self._shape = stored
         self._unit = unit
         self._frame_id = frame_id
-        self._stamp_s = stamp_s
+        self._stamp_s = checked_s
         return self
 
     @property

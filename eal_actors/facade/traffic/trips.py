@@ -101,7 +101,7 @@ class Journey(Future[dict[str, int]]):
         if not all(trip.done() for trip in self._trips):
             return
         error = next((error for trip in self.arrivals.values() if (error := trip.exception()) is not None), None)
-        self._finish(dict.fromkeys(self.arrivals, 1) if error is None else None, error, call_soon)
+        self.settle(dict.fromkeys(self.arrivals, 1) if error is None else None, error, call_soon)
 
     @override
     def describe(self) -> str:

@@ -24,12 +24,8 @@ MAX_ROW_BYTES: Final = 1024
 MAX_BATCH_BYTES: Final = 32 * 1024
 """Bytes from which a batch is full, so that it seldom needs parts."""
 
-_LIST_OF_TWO: Final = b"\x92"
-
-
-def is_batch(envelope: bytes) -> bool:
-    """Return whether an envelope is that of a batch."""
-    return envelope[:1] == _LIST_OF_TWO
+BEGINS_BATCH: Final = b"\x92"
+"""First byte of the envelope of a batch: a list of two."""
 
 
 def encode_batch(rows: Sequence[tuple[str | Payload, ...]]) -> bytes:

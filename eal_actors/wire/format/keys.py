@@ -102,11 +102,13 @@ class CallRoute(NamedTuple):
         call: parts of the call's key.
         answer_key: key of the reply.
         client: identifier of the calling process; see client_id.
+        is_reading: whether it calls a method of a resource that changes nothing.
     """
 
     call: CallKey
     answer_key: str
     client: str
+    is_reading: bool
 
 
 def fleet_key(fleet: str) -> str:
@@ -231,15 +233,15 @@ def parse_heartbeat(key: str) -> tuple[str, str]:
 def parse_route(key: str) -> CallRoute:
     """Return the route of a call by its key; ProtocolError if it is no such key."""
     call = parse_call(key)
-    return CallRoute(call, answer_key(call), client_id(call.caller, call.client))
+    return CallRoute(call, answer_key(call), client_id(call.caller, call.client), _is_reading(call))
 
 
 @lru_cache(maxsize=4096)
 def route_in_batch(key: str, robot: str, resource: str, method: str) -> CallRoute:
     """Return the route of a call in a batch with that key; ProtocolError if there is no such method."""
     route = parse_route(key)
-    call = route.call._replace(robot=robot, resource=resource, method=method)
-    return route._replace(call=_checked_call(call, key))
+    call = _checked_call(route.call._replace(robot=robot, resource=resource, method=method), key)
+    return route._replace(call=call, is_reading=_is_reading(call))
 
 
 def parse_call(key: str) -> CallKey:
@@ -248,6 +250,10 @@ def parse_call(key: str) -> CallKey:
     if root != ROOT or len(chunks) != 6:
         raise ProtocolError(f"key {key!r} is not {ROOT}/<fleet>/<robot>/<resource>/<method>/<caller>/<client>")
     return _checked_call(CallKey(*(_decode(chunk, key) for chunk in chunks)), key)
+
+
+def _is_reading(call: CallKey) -> bool:
+    return call.resource != ROBOT and call.method in RETRYABLE_METHODS
 
 
 def _checked_call(call: CallKey, key: str) -> CallKey:

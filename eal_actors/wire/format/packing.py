@@ -31,7 +31,7 @@ MAX_WORD: Final = 256
 MAX_MESSAGE_CHARS: Final = 16_000
 """Longer error messages are truncated."""
 
-_CLIENT_BYTES: Final = 16
+CLIENT_BYTES: Final = 16
 
 Buffer = bytes | bytearray | memoryview
 
@@ -237,19 +237,19 @@ def packed_client(client: str) -> bytes:
         packed = bytes.fromhex(client)
     except (ValueError, TypeError):
         packed = b""
-    if len(packed) != _CLIENT_BYTES:
-        raise DataError(f"client {short_repr(client)} is not {2 * _CLIENT_BYTES} hexadecimal digits")
+    if len(packed) != CLIENT_BYTES:
+        raise DataError(f"client {short_repr(client)} is not {2 * CLIENT_BYTES} hexadecimal digits")
     return packed
 
 
 def checked_client(client: object, what: str) -> str:
     """Return a client id as hexadecimal digits."""
-    if type(client) is not bytes or len(client) != _CLIENT_BYTES:
-        raise ProtocolError(f"{what}: client {short_repr(client)} is not {_CLIENT_BYTES} bytes")
-    return _hexadecimal(client)
+    if type(client) is not bytes or len(client) != CLIENT_BYTES:
+        raise ProtocolError(f"{what}: client {short_repr(client)} is not {CLIENT_BYTES} bytes")
+    return hexadecimal(client)
 
 
-_hexadecimal: Final = lru_cache(maxsize=4096)(bytes.hex)
+hexadecimal: Final = lru_cache(maxsize=4096)(bytes.hex)
 
 
 def checked_count(count: object, what: str) -> int:

@@ -38,7 +38,8 @@ MAX_TOTAL_BYTES: Final = 2 * MAX_BYTES
 MAX_AGE_S: Final = 10.0
 """Real seconds after its first part in which a call must be complete."""
 
-_LIST_OF_FIVE: Final = b"\x95"
+BEGINS_PART: Final = b"\x95"
+"""First byte of the envelope of a part: a list of five."""
 
 
 def fits(envelope: bytes | None, payload: Payload) -> bool:
@@ -52,11 +53,6 @@ def split(number: int, envelope: bytes, payload: Payload) -> Iterator[tuple[byte
     for offset in range(0, len(content), PART_BYTES):
         row = PROTOCOL_VERSION, number, offset, len(content), len(envelope)
         yield pack(row, "part"), content[offset : offset + PART_BYTES]
-
-
-def is_part(envelope: bytes) -> bool:
-    """Return whether an envelope is that of a part."""
-    return envelope[:1] == _LIST_OF_FIVE
 
 
 @dataclass(slots=True)

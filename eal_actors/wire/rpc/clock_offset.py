@@ -24,7 +24,6 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Final
 
-from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import ProtocolError, UnavailableError
 
 MAX_DRIFT: Final = 500e-6
@@ -32,16 +31,6 @@ MAX_DRIFT: Final = 500e-6
 
 _ROUNDING_S: Final = 1e-6
 """More than the rounding error of clock readings, and less than any round trip through a network."""
-
-
-def real_time_of(clock: Clock, fleet_s: float) -> float:
-    """Return the real time (REAL_TIME) of a time of a fleet's clock. Thread: any."""
-    return REAL_TIME.now() + (fleet_s - clock.now()) / clock.of_real(1.0)
-
-
-def fleet_time_of(clock: Clock, real_s: float) -> float:
-    """Return the time of a fleet's clock at a real time (REAL_TIME). Thread: any."""
-    return clock.now() + clock.of_real(real_s - REAL_TIME.now())
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import deque
+from typing import Final
 
 from typing_extensions import override
 
@@ -55,21 +56,19 @@ class Sender(EALActor):
     Args:
         name: name of its thread.
 
+    Attributes:
+        unsent: the messages that were submitted and are not sent yet.
+
     Thread: an actor; any may call `submit`.
     """
 
     def __init__(self, name: str) -> None:
         super().__init__(name, REAL_TIME)
-        self._unsent: deque[Message] = deque()
-
-    @property
-    def is_idle(self) -> bool:
-        """Whether every submitted message has been sent. Thread: any."""
-        return not self._unsent
+        self.unsent: Final = deque[Message]()
 
     def submit(self, message: Message) -> bool:
         """Queue a message; returns False if the sender has ended. Thread: any; does not block."""
-        self._unsent.append(message)
+        self.unsent.append(message)
         try:
             self.actor_inbox.put_urgent(message, bounded=False)
         except EALError:
@@ -79,7 +78,7 @@ class Sender(EALActor):
     @override
     def on_receive(self, message: Message) -> None:
         message.send(is_last=self.actor_inbox.empty())
-        self._unsent.popleft()
+        self.unsent.popleft()
 
     @override
     def on_crash(self, error: BaseException) -> None:

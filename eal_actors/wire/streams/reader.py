@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 from eal_actors.actors.call import ResourceCell
 from eal_actors.actors.feeds import Item, Sink, StreamSpec
-from eal_actors.device.data import EALData
+from eal_actors.device.data import EALData, Payload
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import EALError
 from eal_actors.wire.format import keys
@@ -16,7 +16,6 @@ from eal_actors.wire.format.frames import LEASE_S, canonical, decode_frame, rate
 from eal_actors.wire.format.images import require_codec
 from eal_actors.wire.format.messages import Answer
 from eal_actors.wire.rpc.client.channel import Channel
-from eal_actors.wire.rpc.clock_offset import fleet_time_of
 
 if TYPE_CHECKING:
     import zenoh
@@ -110,7 +109,7 @@ class RemoteFeeds:
         arguments = stream_request(subscription.spec, lease_s)
         self._channel.request(keys.STREAM, arguments, LEASE_S, subscription.on_answer, subscription.resource)
 
-    def _receive(self, subscription: _Subscription, sample: zenoh.Sample) -> None:
+    def _receive(self, subscription: _Subscription, _: str, sample: zenoh.Sample) -> None:
         """Pass an encoded frame to the feeds; readers decode it. Thread: zenoh's.
 
         A payload in shared memory is taken out at once, since nobody may read this frame.
@@ -127,17 +126,17 @@ class RemoteFeeds:
         else:
             subscription.offer(item)
 
-    def _read(self, envelope: bytes, payload: bytes | zenoh.ZBytes, arrived_s: float) -> EALData:
+    def _read(self, envelope: bytes, payload: Payload | zenoh.ZBytes, arrived_s: float) -> EALData:
         """Return the value of a frame, its stamp in our fleet's time. Thread: that of the stream's reader.
 
         Raises:
             EALError: the robot sent an error instead of a value, or the frame is malformed.
         """
-        frame = decode_frame(envelope, payload if isinstance(payload, bytes) else payload.to_bytes())
+        frame = decode_frame(envelope, payload if isinstance(payload, bytes | memoryview) else payload.to_bytes())
         if isinstance(frame.content, EALError):
             raise frame.content
         sent_s, _ = self._channel.clock_tracker.sent_s(frame.time, arrived_s)
-        return frame.content.with_meta(stamp_s=fleet_time_of(self._channel.clock, sent_s - frame.age_s))
+        return frame.content.with_meta(stamp_s=self._channel.clock.from_real(sent_s - frame.age_s))
 
 
 class _Subscription:

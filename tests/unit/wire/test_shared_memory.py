@@ -61,6 +61,31 @@ def test_a_value_is_copied_out_and_its_slot_is_free_again(owned: OwnedMemory, pe
     assert peer.put(b"fifth") is not None
 
 
+def test_a_value_keeps_its_slot_while_it_is_in_use(owned: OwnedMemory, peer: PeerMemory) -> None:
+    def put(letter: bytes) -> SharedValue | None:
+        return peer.put(letter * SIZE)
+
+    first, second = put(b"1"), put(b"2")
+    assert first is not None
+    assert second is not None
+    view, other = memoryview(owned.take(first))[8:], owned.take(second)
+    with pytest.raises(UnavailableError):
+        owned.take(first)  # it was taken
+    third, fourth = put(b"3"), put(b"4")
+    assert third is not None
+    assert fourth is not None
+    assert put(b"5") is None
+    copies = [owned.take(third), owned.take(fourth)]  # few slots are free
+    assert [put(b"5"), put(b"6"), put(b"7")].count(None) == 1
+    assert bytes(view) == b"1" * (SIZE - 8)
+    assert other == b"2" * SIZE
+    assert copies == [b"3" * SIZE, b"4" * SIZE]
+    del view
+    assert put(b"8") is not None
+    owned.close()
+    assert other == b"2" * SIZE
+
+
 def test_no_value_changes_before_it_is_taken(owned: OwnedMemory, peer: PeerMemory) -> None:
     chance = np.random.default_rng(21)
     waiting: list[tuple[SharedValue, bytes]] = []

@@ -26,6 +26,7 @@ def split_arguments(call: Call[Any]) -> tuple[tuple[str | int, ...], EALData | N
 
 def is_small(call: Call[Any]) -> bool:
     """Return whether a call fits into one batch of a link."""
-    if not call.arguments:
-        return True
-    return not any(type(item) is EALData and item.length > _SMALL_BYTES for item in call.arguments)
+    for item in call.arguments:  # noqa: SIM110  # a generator takes three times as long, in every command
+        if type(item) is EALData and item.length > _SMALL_BYTES:
+            return False
+    return True

@@ -10,38 +10,37 @@ callbacks to the controller.
 
 from __future__ import annotations
 
-import math
 import threading
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Callable
-from typing import Any, Final, NoReturn
+from typing import Any, Final, NamedTuple, NoReturn
 
 from typing_extensions import override
 
 from eal_actors.actors.actor import Envelope
 from eal_actors.actors.call import Call
-from eal_actors.device.data import EALData
+from eal_actors.device.data import EALData, Payload
 from eal_actors.device.resource import Progress
 from eal_actors.kernel.clock import REAL_TIME
-from eal_actors.kernel.errors import EALError, ProtocolError, RemoteError, UnavailableError
+from eal_actors.kernel.errors import BusyError, EALError, ProtocolError, RemoteError, UnavailableError
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import (
     ACCEPTED,
     Answer,
     CallHeader,
     CallId,
-    CallReply,
     RobotEvent,
     RobotTime,
+    decode_reply,
     encode_call,
 )
+from eal_actors.wire.format.readings import encode_reading
 from eal_actors.wire.rpc.client.call_arguments import is_small, split_arguments
 from eal_actors.wire.rpc.client.call_sender import EncodedCall
-from eal_actors.wire.rpc.client.channel import Channel, PendingCall
+from eal_actors.wire.rpc.client.channel import Channel
 from eal_actors.wire.rpc.client.command_tracking import CommandTracker
-from eal_actors.wire.rpc.client.unanswered import UnansweredCalls
-from eal_actors.wire.rpc.clock_offset import fleet_time_of, real_time_of
 from eal_actors.wire.rpc.sender import UrgentMessage
+from eal_actors.wire.shared_memory import LEAST_BYTES
 
 TTL_S: Final = 1.0
 """Time to live of a command: its greatest age when the robot begins it, in real seconds."""
@@ -68,11 +67,15 @@ class CallQueue(UrgentMessage):
     def __init__(self, channel: Channel, capacity: int) -> None:
         self._channel = channel
         self._controller = channel.controller
-        self.window: Final = channel.controller.sender.window
+        self._second = channel.clock.of_real(1.0)
+        self._is_proven = channel.controller.certificate is not None
+        self._sender = channel.controller.sender
+        self.window: Final = self._sender.window
         self._lock = threading.Lock()
         self._urgent: deque[Call[Any]] = deque()
         self._normal: deque[Call[Any]] = deque()
-        self._unanswered = UnansweredCalls(capacity)
+        self._capacity = capacity
+        self._unanswered = defaultdict[str, set[Call[Any]]](set)  # by resource: a frozen one makes no other busy
         self._keys: dict[tuple[str, str], str] = {}  # of calls, by resource and method
         self._end: EALError | None = None
         self._sending = threading.Lock()
@@ -97,10 +100,12 @@ class CallQueue(UrgentMessage):
         with self._lock:
             if self._end is not None or self._channel.rights is not None:
                 self._admit(envelope)
-            self._unanswered.add(envelope)
-            sender = self._controller.sender
-            sends = sender.lets_callers_send and not (self._normal or self._urgent)
-            sends = sends and is_small(envelope) and self._sending.acquire(blocking=False)
+            unanswered, sender = self._unanswered[envelope.cell.name], self._sender
+            if len(unanswered) >= self._capacity:
+                raise BusyError(f"{self._capacity} calls are pending already")
+            unanswered.add(envelope)
+            is_alone = not (self._normal or self._urgent or sender.unsent or sender.has_crowd or self.window.calls)
+            sends = is_alone and is_small(envelope) and self._sending.acquire(blocking=False)
             if not sends:
                 self._normal.append(envelope)
         if not sends:
@@ -124,11 +129,14 @@ class CallQueue(UrgentMessage):
         dropped: list[Envelope] = []
         with self._lock:
             self._admit(envelope)
-            self._unanswered.add(envelope, 2 if bounded else math.inf)
+            unanswered, most = self._unanswered[envelope.cell.name], 2 * self._capacity
+            if bounded and len(unanswered) >= most:
+                raise BusyError(f"{most} calls are pending already")
+            unanswered.add(envelope)
             if drop is not None and self._normal:
                 for call in [call for call in self._normal if drop(call)]:
                     self._normal.remove(call)
-                    self._unanswered.discard(call)
+                    self._forget(call)
                     dropped.append(call)
             self._urgent.append(envelope)
         if envelope.stops:
@@ -148,7 +156,7 @@ class CallQueue(UrgentMessage):
         with self._lock:
             if call in self._normal:
                 self._normal.remove(call)
-                self._unanswered.discard(call)
+                self._forget(call)
                 return
         if call.method not in keys.RETRYABLE_METHODS:
             self._channel.run_soon(lambda: self._cancel(call))
@@ -187,58 +195,58 @@ class CallQueue(UrgentMessage):
         """Send a call in a message of its own. Thread: one that may wait for a link, unless the call is small."""
         encoded = self._encode(call)
         if encoded is not None:
-            robot, _, _, envelope, payload, key, _, lose = encoded
+            robot, _, _, envelope, payload, key, *_ = encoded
             if not self._controller.put(robot, key, envelope, payload, is_urgent=call.stops):
-                lose()
+                self._channel.pending.lose_all()
 
     def _encode(self, call: Call[Any]) -> EncodedCall | None:
         """Encode a call, and wait for its reply from now on; None if it is over."""
-        channel, name, method = self._channel, call.cell.name, call.method
+        channel, name, method, span = self._channel, call.cell.name, call.method, call.span
         left_s = self._left_s(call)
-        if not call.stops:
-            if call.done():
-                self._unanswered.discard(call)
-                return None
-            if left_s <= 0:
-                self.expire(call)
-                return None
+        if not call.stops and (left_s <= 0 or call.done()):
+            self.expire(call)
+            return None
+        call_id: CallId | None
+        payload: Payload
         try:
-            header, data, call_id = self._header(call, left_s)
-            envelope, payload = encode_call(header, data)
+            plain, data = split_arguments(call) if call.arguments else ((), None)
+            traceparent = "" if span is None else span.traceparent
+            if method in keys.RETRYABLE_METHODS:
+                stamper, payload, call_id = channel.stamper, b"", None
+                number = stamper.number()
+                envelope = encode_reading(stamper.client, stamper.epoch, number, left_s, plain, traceparent)
+            else:
+                header, data, call_id = self._stamped(call, plain, data, traceparent)
+                number, left_s = header.sequence, header.deadline_s
+                envelope, payload = encode_call(header, data)
         except EALError as error:
-            self._unanswered.discard(call)
+            self._forget(call)
             call.settle(None, error.at(channel.name, name), self._controller.run_later)
             return None
         if call_id is not None:
             self.tracker.commands[call_id] = call
-        if call.span is not None:
-            call.span.note("sent")
-        channel.pending.add(header.sequence, _SentCall(self, call, call_id, REAL_TIME.now() + header.deadline_s))
-        self.window.sent()
+        if span is not None:
+            span.note("sent")
+        channel.pending.calls[number] = tuple.__new__(_SentCall, (self, call, call_id, REAL_TIME.now() + left_s))
+        self.window.calls.add(call)
         key = self._keys.get((name, method))
         if key is None:
             key = self._keys[name, method] = self._controller.call_key(channel.name, name, method)
         # Access control checks the key alone, so calls with other keys are not put behind it.
-        group = key if channel.process and self._controller.certificate is not None else channel.process
-        return EncodedCall(channel.name, name, method, envelope, payload, key, group, channel.pending.lose_all)
+        group = key if self._is_proven and channel.process else channel.process
+        encoded = channel.name, name, method, envelope, payload, key, group, channel.pending
+        return tuple.__new__(EncodedCall, encoded)  # a named tuple's own __new__ takes several times as long
 
     def _left_s(self, call: Call[Any]) -> float:
         """Return the real seconds until a call's deadline; a late stop is still a stop."""
-        clock = self._channel.clock
-        left_s = (call.deadline_s or 0.0) - clock.now()
-        return (max(left_s, call.cell.timeout_s) if call.stops else left_s) / clock.of_real(1.0)
+        left_s = (call.deadline_s or 0.0) - self._channel.clock.now()
+        return (max(left_s, call.cell.timeout_s) if call.stops else left_s) / self._second
 
-    def _header(self, call: Call[Any], left_s: float) -> tuple[CallHeader, EALData | None, CallId | None]:
-        """Return the header and the value of a call, and the identifier of a command.
-
-        Commands and stops have a stamp that proves their age.
-        """
-        plain, data = split_arguments(call)
+    def _stamped(
+        self, call: Call[Any], plain: tuple[str | int, ...], data: EALData | None, traceparent: str
+    ) -> tuple[CallHeader, EALData | None, CallId | None]:
+        """Return the header of a command or a stop with a stamp that proves its age, its value and its identifier."""
         stamper = self._channel.stamper
-        traceparent = "" if call.span is None else call.span.traceparent
-        if call.method in keys.RETRYABLE_METHODS:
-            head = stamper.client, stamper.epoch, stamper.number(), left_s, left_s, None, plain
-            return CallHeader(*head, traceparent=traceparent), data, None
         start_s = None if call.start_s is None else self._robot_time(call.start_s)
         if data is not None and data.stamp_s is not None:
             data = data.with_meta(stamp_s=self._robot_time(data.stamp_s))
@@ -248,24 +256,38 @@ class CallQueue(UrgentMessage):
             stamper.heard(time.era, time.time_s, heard_s)
         stamp = stamper.stamp(TTL_S, REAL_TIME.now())
         left_s = self._left_s(call)  # read after the stamp: their sum is never later than the deadline
-        proof = stamp.era, stamp.echo_s, stamp.held_s
-        header = CallHeader(*stamp.call, TTL_S, left_s, start_s, plain, *proof, traceparent=traceparent)
-        return header, data, None if call.method == keys.HALT else stamp.call
+        call_id, _, *proof = stamp
+        header = tuple.__new__(CallHeader, (*call_id, TTL_S, left_s, start_s, plain, *proof, False, traceparent))
+        return header, data, None if call.method == keys.HALT else call_id
 
     def _robot_time(self, fleet_s: float) -> float:
-        real_s = real_time_of(self._channel.clock, fleet_s)
+        real_s = self._channel.clock.to_real(fleet_s)
         return real_s + self._channel.clock_tracker.offset(real_s).offset_s
 
     # Replies and events. Thread: zenoh's.
 
-    def receive_reply(self, reply: CallReply) -> None:
+    def receive_reply(self, envelope: bytes, payload: bytes) -> None:
         """Handle a reply, and keep the robot's clock for the next stamp."""
-        if reply.time is not None:
-            self._echo = reply.time, REAL_TIME.now()
-        if not self._channel.pending.answer(reply):  # a leaving robot may send the outcome after its token has gone
+        memory = self._channel.memory
+        if len(payload) >= LEAST_BYTES:
+            memory.note(len(payload))
+        try:
+            sequence, answer, time = decode_reply(envelope, payload, memory.take)
+        except ProtocolError as error:
+            sequence, answer, time = 0, error, None
+        if time is not None:
+            self._echo = time, REAL_TIME.now()
+        pending = self._channel.pending.calls.pop(sequence, None)
+        if type(pending) is _SentCall:
+            self.conclude(pending.call, pending.call_id, answer, time)
+        elif pending is not None:
+            pending.answered(answer, time)
+        elif sequence == 0:
+            self._channel.pending.answer_all(answer, time)
+        else:  # a leaving robot may send the outcome after its token has gone
             for call_id, call in list(self.tracker.commands.items()):
-                if call_id.sequence == reply.sequence:
-                    self.conclude(call, call_id, reply.answer, reply.time)
+                if call_id.sequence == sequence:
+                    self.conclude(call, call_id, answer, time)
 
     def receive_result(self, event: RobotEvent) -> None:
         """Handle the outcome of a long command."""
@@ -283,10 +305,11 @@ class CallQueue(UrgentMessage):
 
     def conclude(self, call: Call[Any], call_id: CallId | None, answer: Answer, time: RobotTime | None) -> None:
         """Resolve a call, unless the robot has only accepted it."""
-        self._unanswered.discard(call)
+        self._unanswered[call.cell.name].discard(call)  # as _forget, in every call
         if answer is ACCEPTED:
             if call_id in self.tracker.commands:
                 self.tracker.restart_backoff()
+                self.window.answered(call)
                 return
             answer = ProtocolError("the robot has accepted a call that cannot take long")
         if call_id is not None:
@@ -295,17 +318,21 @@ class CallQueue(UrgentMessage):
             clocks, clock = self._channel.clock_tracker, self._channel.clock
             if time.began_s is not None and call.start_s is not None:
                 offset = clocks.offset(REAL_TIME.now())
-                call.began_s = fleet_time_of(clock, time.began_s - offset.offset_s)
+                call.began_s = clock.from_real(time.began_s - offset.offset_s)
                 call.began_error_s = clock.of_real(offset.error_s)
-            if isinstance(answer, EALData) and answer.stamp_s is not None:
-                answer, call.stamp_error_s = clocks.localize(answer, time, clock)
-        run_later = self._controller.run_later
+            if type(answer) is EALData and (stamp_s := answer.stamp_s) is not None:
+                call.stamp_error_s = clocks.localize(answer, stamp_s, time, clock)
         if isinstance(answer, EALError):
-            call.settle(None, answer.at(self._channel.name, call.cell.name), run_later)
+            call.settle(None, answer.at(self._channel.name, call.cell.name), self._controller.run_later)
         else:
-            call.settle(answer, None, run_later)
+            call.settle(answer, None, self._controller.run_later)
+        self.window.answered(call)  # after the caller is woken, whose next call may go with the next message
 
     # Failures. Thread: any.
+
+    def _forget(self, call: Call[Any]) -> None:
+        """Free a call's place in its resource's mailbox."""
+        self._unanswered[call.cell.name].discard(call)
 
     def lose(self, call: Call[Any], call_id: CallId | None) -> None:
         """Retry a call whose robot is unreachable if it changes nothing; a command is never sent twice."""
@@ -315,21 +342,21 @@ class CallQueue(UrgentMessage):
 
     def expire(self, call: Call[Any]) -> None:
         """Fail a call whose deadline has passed without a reply."""
-        self._unanswered.discard(call)
+        self._forget(call)
         self._controller.run_later(call.expire)
 
     def _retry(self, call: Call[Any], call_id: CallId | None, retry_until_s: float) -> None:
         channel, now_s = self._channel, self._channel.clock.now()
         if call.done():
-            self._unanswered.discard(call)
+            self._forget(call)
             if call_id is not None:
                 self.tracker.commands.pop(call_id, None)
         elif call_id in self.tracker.commands:  # the robot is asked for its outcome after the reconnect
-            self._unanswered.discard(call)
+            self._forget(call)
         elif now_s >= (call.deadline_s or 0.0):
             self.expire(call)
         elif now_s >= retry_until_s:
-            self._unanswered.discard(call)
+            self._forget(call)
             call.fail(UnavailableError("the robot did not answer"))
         else:
             again = self._put_again if channel.is_ready else lambda it: self._retry(it, call_id, retry_until_s)
@@ -358,36 +385,29 @@ class CallQueue(UrgentMessage):
         commands = self.tracker.commands
         with self._lock:
             self._end = error
-            calls = {*self._unanswered.clear(), *commands.values()}
-            for waiting in (commands, self._normal, self._urgent):
+            calls = {*commands.values()}.union(*self._unanswered.values())
+            for waiting in (commands, self._unanswered, self._normal, self._urgent):
                 waiting.clear()
         for call in calls:
             call.fail(error.copy())
         self._channel.pending.lose_all()
 
 
-class _SentCall(PendingCall):
-    """Call of a resource's method that was sent; commands have an identifier."""
+class _SentCall(NamedTuple):
+    """Call of a resource's method that was sent; commands have an identifier. A PendingCall."""
 
-    __slots__ = ("_call", "_call_id", "_queue", "end_s")
+    queue: CallQueue
+    call: Call[Any]
+    call_id: CallId | None
+    end_s: float
 
-    def __init__(self, queue: CallQueue, call: Call[Any], call_id: CallId | None, end_s: float) -> None:
-        self._queue = queue
-        self._call = call
-        self._call_id = call_id
-        self.end_s = end_s
-
-    @override
     def answered(self, answer: Answer, time: RobotTime | None) -> None:
-        self._queue.conclude(self._call, self._call_id, answer, time)
-        self._queue.window.answered()  # after the caller is woken, whose next call may go with the next message
+        self.queue.conclude(self.call, self.call_id, answer, time)
 
-    @override
     def lost(self) -> None:
-        self._queue.window.answered()
-        self._queue.lose(self._call, self._call_id)
+        self.queue.window.answered(self.call)
+        self.queue.lose(self.call, self.call_id)
 
-    @override
     def timed_out(self) -> None:
-        self._queue.window.answered()
-        self._queue.expire(self._call)
+        self.queue.window.answered(self.call)
+        self.queue.expire(self.call)

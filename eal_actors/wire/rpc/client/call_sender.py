@@ -12,7 +12,6 @@ frozen robot never answers.
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
@@ -21,6 +20,7 @@ from typing_extensions import override
 from eal_actors.device.data import Payload
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.wire.format.batches import MAX_BATCH_BYTES, MAX_ROW_BYTES, MAX_ROWS, encode_batch
+from eal_actors.wire.rpc.client.pending import PendingCalls
 from eal_actors.wire.rpc.sender import Message, Sender
 
 WINDOW: Final = 256
@@ -38,17 +38,16 @@ PAUSE_S: Final = 0.001
 
 
 class InFlightWindow:
-    """Counter of the unanswered calls of one session.
+    """The unanswered calls of one session.
 
     Attributes:
-        in_flight: their number.
+        calls: the calls, each added before it is sent and taken out by `answered`.
 
-    Thread: any, except for the methods that wait.
+    Thread: any, except for the methods that wait. A set needs no lock for that.
     """
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self.in_flight = 0
+        self.calls: Final = set[object]()
         self._slow = 0
         self._resume_at: int | None = None  # calls in flight at which the waiting sender is woken
         self._waiter = new_waiter()
@@ -56,40 +55,31 @@ class InFlightWindow:
     @property
     def is_full(self) -> bool:
         """Whether the sender has to wait."""
-        return self.in_flight - self._slow >= WINDOW
+        return len(self.calls) - self._slow >= WINDOW
 
-    def sent(self) -> None:
-        """Count a call that is about to be sent."""
-        with self._lock:
-            self.in_flight += 1
-
-    def answered(self) -> None:
-        """Count a call that is answered or has failed."""
-        with self._lock:
-            self.in_flight -= 1
-            if self._slow > self.in_flight:
-                self._slow = self.in_flight
-            has_room = self._resume_at is not None and self.in_flight - self._slow <= self._resume_at
-        if has_room:
-            REAL_TIME.wake(self._waiter)
+    def answered(self, call: object) -> None:
+        """Note that a call is answered or has failed."""
+        self.calls.discard(call)
+        if self._slow or self._resume_at is not None:
+            self._slow = min(self._slow, len(self.calls))
+            resume_at = self._resume_at
+            if resume_at is not None and len(self.calls) - self._slow <= resume_at:
+                REAL_TIME.wake(self._waiter)
 
     def wait_for_room(self) -> None:
         """Wait until fewer calls are in flight. Thread: the sender's; blocks as long as replies arrive."""
-        while (in_flight := self.in_flight) - self._slow > _RESUME_AT:
-            if not self._wait(_RESUME_AT, PATIENCE_S) and self.in_flight >= in_flight:
-                self._slow = self.in_flight
+        while (in_flight := len(self.calls)) - self._slow > _RESUME_AT:
+            if not self._wait(_RESUME_AT, PATIENCE_S) and len(self.calls) >= in_flight:
+                self._slow = len(self.calls)
 
     def wait_for_replies(self) -> None:
         """Wait a moment until every call is answered. Thread: the sender's; blocks for PAUSE_S at most."""
-        if self.in_flight > self._slow and not self._wait(0, PAUSE_S):
-            self._slow = self.in_flight
+        if len(self.calls) > self._slow and not self._wait(0, PAUSE_S):
+            self._slow = len(self.calls)
 
     def _wait(self, resume_at: int, patience_s: float) -> bool:
-        with self._lock:
-            if self.in_flight - self._slow <= resume_at:
-                return True
-            self._resume_at = resume_at
-        is_woken = REAL_TIME.wait(self._waiter, patience_s)
+        self._resume_at = resume_at  # before the look at the calls, so that no answer in between is missed
+        is_woken = len(self.calls) - self._slow <= resume_at or REAL_TIME.wait(self._waiter, patience_s)
         self._resume_at = None
         return is_woken
 
@@ -105,7 +95,7 @@ class EncodedCall(NamedTuple):
         payload: its payload.
         key: its key.
         group: calls of one group may be sent together; empty for a call that is sent alone.
-        lose: reports that the robot is unreachable, so that no reply will arrive. Thread: any.
+        pending: calls to the robot; they are lost if it is unreachable, so that no reply will arrive.
     """
 
     robot: str
@@ -115,7 +105,7 @@ class EncodedCall(NamedTuple):
     payload: Payload
     key: str
     group: str
-    lose: Callable[[], None]
+    pending: PendingCalls
 
 
 class CallSender(Sender):
@@ -128,6 +118,7 @@ class CallSender(Sender):
 
     Attributes:
         window: calls in flight to all robots.
+        has_crowd: whether the last message that was sent from here had several calls.
 
     Thread: an actor; any may call `submit`. `gather` and `flush` belong to its own thread, which may wait for a link.
     """
@@ -140,12 +131,7 @@ class CallSender(Sender):
         self._gathered: dict[str, list[EncodedCall]] = {}  # by group
         self._bytes = 0
         self._is_gathering = False
-        self._has_crowd = False  # whether the last message that was sent from here had several calls
-
-    @property
-    def lets_callers_send(self) -> bool:
-        """Whether a caller may send its call: nothing waits, nothing is in flight, and calls come one by one."""
-        return not (self._unsent or self.window.in_flight or self._has_crowd)
+        self.has_crowd = False
 
     @override
     def on_receive(self, message: Message) -> None:
@@ -157,7 +143,7 @@ class CallSender(Sender):
             self.window.wait_for_room()
         is_last = self.actor_inbox.empty()
         message.send(is_last=is_last)
-        self._unsent.popleft()
+        self.unsent.popleft()
         if is_last:
             self.flush()
             self._is_gathering = False
@@ -188,10 +174,10 @@ class CallSender(Sender):
 
     def _send(self, calls: list[EncodedCall], *, is_last: bool) -> None:
         first, envelope, payload = calls[0], calls[0].envelope, calls[0].payload
-        self._has_crowd = len(calls) > 1
-        if self._has_crowd:
+        self.has_crowd = len(calls) > 1
+        if self.has_crowd:
             envelope, payload = encode_batch([call[:5] for call in calls]), b""
         is_sent = self._put(first.robot, first.key, envelope, payload, is_last=is_last)
         for call in calls:
             if not is_sent or not self._is_alive(call.robot):
-                call.lose()
+                call.pending.lose_all()

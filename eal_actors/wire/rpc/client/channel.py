@@ -6,8 +6,8 @@ liveliness token disappears or the call's time runs out; `PendingCalls` handles 
 
 from __future__ import annotations
 
+import math
 import threading
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final, TypeVar
@@ -21,8 +21,9 @@ from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import AccessDeniedError, EALError, UnavailableError
 from eal_actors.kernel.log import get_logger
 from eal_actors.wire.format import keys
-from eal_actors.wire.format.messages import Answer, CallHeader, CallReply, RobotTime, encode_call
+from eal_actors.wire.format.messages import Answer, CallHeader, RobotTime, encode_call
 from eal_actors.wire.rpc.client.controller import Controller
+from eal_actors.wire.rpc.client.pending import PendingCalls
 from eal_actors.wire.rpc.client.ping import ClockTracker
 from eal_actors.wire.rpc.client.value_memory import ValueMemory
 from eal_actors.wire.rpc.freshness import Stamper
@@ -36,69 +37,6 @@ _GRACE_S: Final = 1.0
 
 ReadReply = Callable[[Answer, RobotTime | None, float, float], T]
 """Reads an answer. Arguments: answer, robot's clock if included, our clock (REAL_TIME) at sending and at the reply."""
-
-
-class PendingCall(ABC):
-    """Call that waits for a reply. One of its three methods is called, once; none may block zenoh's threads.
-
-    Attributes:
-        end_s: real time at which it times out.
-    """
-
-    __slots__ = ()
-
-    end_s: float
-
-    @abstractmethod
-    def answered(self, answer: Answer, time: RobotTime | None) -> None:
-        """Handle the answer and, if included, the robot's clock. Thread: zenoh's."""
-
-    @abstractmethod
-    def lost(self) -> None:
-        """Handle that the robot is unreachable. Thread: any."""
-
-    @abstractmethod
-    def timed_out(self) -> None:
-        """Handle that its time is over. Thread: any."""
-
-
-class PendingCalls:
-    """Pending calls of one robot by their numbers. Thread: any."""
-
-    def __init__(self) -> None:
-        self._pending: dict[int, PendingCall] = {}
-
-    def add(self, number: int, call: PendingCall) -> None:
-        """Wait for a reply; call it before sending."""
-        self._pending[number] = call
-
-    def answer(self, reply: CallReply) -> bool:
-        """Pass a reply to its call; one with number 0 goes to all, since the robot could not decode its call.
-
-        Returns:
-            Whether any call waited for it.
-        """
-        sequence, answer, time = reply
-        found = False
-        for number in (sequence,) if sequence else list(self._pending):
-            call = self._pending.pop(number, None)
-            if call is not None:
-                call.answered(answer, time)
-                found = True
-        return found
-
-    def lose_all(self) -> None:
-        """Report all as lost: the robot is unreachable."""
-        for number in list(self._pending):
-            call = self._pending.pop(number, None)
-            if call is not None:
-                call.lost()
-
-    def expire(self, now_s: float) -> None:
-        """Report those whose time is over at a real time."""
-        for number, call in list(self._pending.items()):
-            if call.end_s <= now_s and self._pending.pop(number, None) is not None:
-                call.timed_out()
 
 
 class Channel:
@@ -215,7 +153,7 @@ class Channel:
 
 
 @dataclass(eq=False)
-class _Request(UrgentMessage, PendingCall):
+class _Request(UrgentMessage):
     """Call of a method of the robot itself, with the clock readings that its reply needs.
 
     Attributes:
@@ -235,6 +173,7 @@ class _Request(UrgentMessage, PendingCall):
     is_urgent: bool
     _is_taken: threading.Lock = field(default_factory=threading.Lock, init=False)  # by the thread that sends it
     _sent_s: float = field(default=0.0, init=False)
+    end_s: float = field(default=math.inf, init=False)
 
     @override
     def send(self, *, is_last: bool) -> None:
@@ -244,7 +183,7 @@ class _Request(UrgentMessage, PendingCall):
         envelope, payload = encode_call(header)
         self._sent_s = REAL_TIME.now()
         self.end_s = self._sent_s + header.ttl_s
-        channel.pending.add(header.sequence, self)
+        channel.pending.calls[header.sequence] = self
         controller = channel.controller
         if not self.is_urgent:
             controller.sender.flush()  # it must not overtake the calls before it
@@ -256,14 +195,11 @@ class _Request(UrgentMessage, PendingCall):
         if not self._is_taken.locked():
             self.channel.run_soon(lambda: self.send(is_last=True))
 
-    @override
     def answered(self, answer: Answer, time: RobotTime | None) -> None:
         self.on_answer(answer, time, self._sent_s, REAL_TIME.now())
 
-    @override
     def lost(self) -> None:
         self.on_failure()
 
-    @override
     def timed_out(self) -> None:
         self.on_failure()

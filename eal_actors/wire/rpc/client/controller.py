@@ -20,19 +20,17 @@ from eal_actors.kernel.errors import EALError, ProtocolError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.wire.format import keys, parts
-from eal_actors.wire.format.batches import decode_batch, is_batch
+from eal_actors.wire.format.batches import BEGINS_BATCH, decode_batch
 from eal_actors.wire.format.messages import (
-    CallReply,
     Heartbeat,
     RobotEvent,
     decode_event,
-    decode_reply,
     encode_heartbeat,
 )
 from eal_actors.wire.format.packing import PROTOCOL_VERSION
 from eal_actors.wire.rpc.client.call_sender import CallSender
 from eal_actors.wire.rpc.client.discovery import ForeignRobots
-from eal_actors.wire.rpc.client.value_memory import MemorySharing, ValueMemory
+from eal_actors.wire.rpc.client.value_memory import MemorySharing
 from eal_actors.wire.rpc.sender import Sender, UrgentMessage
 from eal_actors.wire.rpc.throttled_log import ThrottledLog
 from eal_actors.wire.security.expiry import certificate_warnings
@@ -60,18 +58,16 @@ class RobotListener(NamedTuple):
         name: the robot's name.
         on_alive: its liveliness token appeared; called with its protocol version. Thread: zenoh's.
         on_gone: its token disappeared; called with the reason. Thread: zenoh's.
-        on_reply: a reply arrived. Thread: zenoh's.
+        on_reply: a reply arrived; called with its envelope and its payload. Thread: zenoh's.
         on_event: an event arrived; raises ProtocolError if that is malformed. Thread: zenoh's.
-        memory: memory that is shared with the robot.
         on_tick: called every 0.25 s with the real time. Thread: the controller's.
     """
 
     name: str
     on_alive: Callable[[int], None]
     on_gone: Callable[[str], None]
-    on_reply: Callable[[CallReply], None]
+    on_reply: Callable[[bytes, bytes], None]
     on_event: Callable[[RobotEvent], None]
-    memory: ValueMemory
     on_tick: Callable[[float], None]
 
 
@@ -277,7 +273,7 @@ class Controller(EALActor):
         """Return whether the robot's liveliness token is there, with our protocol version."""
         return self._versions.get(robot) == PROTOCOL_VERSION
 
-    def subscribe(self, key: str, on_sample: Callable[[zenoh.Sample], None]) -> Callable[[], None] | None:
+    def subscribe(self, key: str, on_sample: Callable[[str, zenoh.Sample], None]) -> Callable[[], None] | None:
         """Subscribe to a key; the callback runs in a thread of the subscription.
 
         Returns:
@@ -316,12 +312,12 @@ class Controller(EALActor):
         transport = self._transport
         if transport is None:
             return False
-        if parts.fits(envelope, payload):
+        if len(envelope) + len(payload) <= parts.PART_BYTES:
             is_sent = transport.put(key, envelope, payload, is_urgent=is_urgent, is_last=is_last)
         else:
             split = parts.split(next(self._part_numbers), envelope, payload)
             is_sent = all(transport.put(key, *part, is_urgent=is_urgent, is_last=is_last) for part in split)
-        return is_sent and self.is_alive(robot)  # it may have gone before the call was pending
+        return is_sent and self._versions.get(robot) == PROTOCOL_VERSION  # it may have gone before the call was pending
 
     # Messages, in zenoh's threads.
 
@@ -351,15 +347,16 @@ class Controller(EALActor):
         else:
             listener.on_gone("is unreachable")
 
-    def _on_answer(self, sample: zenoh.Sample) -> None:
+    def _on_answer(self, key: str, sample: zenoh.Sample) -> None:
         attachment = sample.attachment
         envelope = b"" if attachment is None else attachment.to_bytes()
         try:
-            _, name = keys.parse_robot(str(sample.key_expr))
+            _, name = keys.parse_robot(key)
         except ProtocolError:
             return
-        if not is_batch(envelope):
-            self._pass_reply(name, envelope, sample.payload.to_bytes())
+        if envelope[:1] != BEGINS_BATCH:
+            if (listener := self._listeners.get(name)) is not None:
+                listener.on_reply(envelope, sample.payload.to_bytes())
             return
         try:
             rows = decode_batch(envelope, 1)
@@ -367,27 +364,17 @@ class Controller(EALActor):
             self._malformed.warn(name, "a batch of replies is malformed", error.message)
             return
         for robot, reply, payload in rows:
-            if robot == name or self.certificate is None:  # access control has proven the robot of the key only
-                self._pass_reply(robot, reply, payload)
+            is_proven = robot == name or self.certificate is None  # access control has proven the robot of the key only
+            if is_proven and (listener := self._listeners.get(robot)) is not None:
+                listener.on_reply(reply, payload)
 
-    def _pass_reply(self, robot: str, envelope: bytes, payload: bytes) -> None:
-        listener = self._listeners.get(robot)
-        if listener is None:
-            return
-        listener.memory.note(len(payload))
-        try:
-            reply = decode_reply(envelope, payload, listener.memory.take)
-        except ProtocolError as error:
-            reply = CallReply(0, error)
-        listener.on_reply(reply)
-
-    def _on_event(self, sample: zenoh.Sample) -> None:
+    def _on_event(self, key: str, sample: zenoh.Sample) -> None:
         attachment = sample.attachment
         try:
-            _, name = keys.parse_robot(str(sample.key_expr))
+            _, name = keys.parse_robot(key)
             event = decode_event(attachment.to_bytes() if attachment is not None else b"", sample.payload.to_bytes())
         except ProtocolError as error:
-            self._malformed.warn(str(sample.key_expr).rpartition("/")[2], "an event is malformed", error.message)
+            self._malformed.warn(key.rpartition("/")[2], "an event is malformed", error.message)
             return
         with self._lock:
             listener = self._listeners.get(name)

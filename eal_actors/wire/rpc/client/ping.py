@@ -13,7 +13,7 @@ from eal_actors.device.data import EALData
 from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import EALError, ProtocolError
 from eal_actors.wire.format.messages import Answer, RobotTime
-from eal_actors.wire.rpc.clock_offset import MAX_DRIFT, Offset, OffsetEstimator, fleet_time_of
+from eal_actors.wire.rpc.clock_offset import MAX_DRIFT, Offset, OffsetEstimator
 
 PING_PERIOD_S: Final = 10.0
 PING_TIMEOUT_S: Final = 2.0
@@ -97,11 +97,11 @@ class ClockTracker:
         error_s = known.offset.error_s + MAX_DRIFT * max(0.0, arrived_s - known.at_s)
         return min(arrived_s, time.time_s - known.offset.offset_s), error_s
 
-    def localize(self, data: EALData, time: RobotTime, clock: Clock) -> tuple[EALData, float]:
-        """Return a robot's stamped value with its stamp by our fleet's clock, and the greatest error of that stamp."""
+    def localize(self, data: EALData, stamp_s: float, time: RobotTime, clock: Clock) -> float:
+        """Set the stamp of a robot's value by our fleet's clock; returns the greatest error of that stamp."""
         sent_s, error_s = self.sent_s(time, REAL_TIME.now())
-        age_s = time.time_s - (data.stamp_s or 0.0)
-        return data.restamped(fleet_time_of(clock, sent_s - age_s)), clock.of_real(error_s)
+        data.restamp(clock.from_real(sent_s - time.time_s + stamp_s))
+        return clock.of_real(error_s)
 
     def _learn(self, era: str, sent_s: float, received_s: float, replied_s: float, answered_s: float) -> None:
         with self._lock:

@@ -27,7 +27,6 @@ from eal_actors.wire.rpc.client.command_tracking import CommandBoard, localized_
 from eal_actors.wire.rpc.client.controller import Controller, RobotListener
 from eal_actors.wire.rpc.client.handshake import Handshake
 from eal_actors.wire.rpc.client.ping import PING_PERIOD_S, PING_TIMEOUT_S
-from eal_actors.wire.rpc.clock_offset import fleet_time_of
 from eal_actors.wire.streams.reader import RemoteFeeds
 
 CONNECT_S: Final = 3.0
@@ -83,7 +82,6 @@ class RemoteRobot(EALActor):
             self._on_gone,
             self.calls.receive_reply,
             self._on_event,
-            self._channel.memory,
             self.calls.tick,
         )
         self._unsent_stop: str | None = None
@@ -266,7 +264,7 @@ class RemoteRobot(EALActor):
     def _to_fleet_time(self, robot_s: float) -> float:
         """Return our fleet's time at a real time of the robot."""
         known = self._channel.clock_tracker.latest
-        return fleet_time_of(self.clock, robot_s - (0.0 if known is None else known.offset.offset_s))
+        return self.clock.from_real(robot_s - (0.0 if known is None else known.offset.offset_s))
 
     def stop_now(self, reason: str) -> Future[None]:
         """Stop the robot until it is resumed; repeated until the robot has confirmed it."""

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, Final
 
+from eal_actors.device.data import Payload
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import UnavailableError, error_text
 from eal_actors.kernel.log import get_logger
@@ -74,8 +75,8 @@ class ValueMemory:
             self._next_offer_s = REAL_TIME.now() + _RENEW_S
             self._run_soon(partial(self._offer, value_bytes))
 
-    def take(self, value: SharedValue) -> bytes:
-        """Return a copy of a value and free its slot. Thread: any.
+    def take(self, value: SharedValue) -> Payload:
+        """Return a value; see OwnedMemory.take. Thread: any.
 
         Raises:
             ProtocolError: there is no such place.

@@ -7,6 +7,7 @@ the controller must stay alive (`DeadManSwitch`). One lock guards all three, sin
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
 from collections import OrderedDict
 from collections.abc import Iterable, Mapping, Sequence
@@ -89,6 +90,7 @@ class Admission:
 
     Attributes:
         names: display names of the controllers.
+        quiet_until_s: the robot's time before which no controller's silence is too long.
 
     Thread: any.
     """
@@ -101,9 +103,10 @@ class Admission:
         self.names: Final = ControllerNames()
         self._leases = Leases(exclusive, dead_man_s, self.names.of)
         self._dead_man = DeadManSwitch(dead_man_s)
+        self.quiet_until_s = math.inf
 
     def check(self, header: CallHeader, method: str, resource: str) -> tuple[float, float]:
-        """Admit a command; call `finish` when it has ended. Call `silences` first.
+        """Admit a command; call `finish` when it has ended. Call `silences` first, unless it is quiet.
 
         Returns:
             Real seconds within which it must begin, and until its deadline; both count from its sending.
@@ -129,6 +132,7 @@ class Admission:
                 raise
             if method in MOTION_METHODS:
                 self._dead_man.commanded(header.client, resource, now_s)
+                self.quiet_until_s = min(self.quiet_until_s, now_s + self._dead_man.dead_man_s)
             else:
                 self._dead_man.heard(header.client, now_s)
         return sent_s + stamp.ttl_s - now_s, left_s
@@ -198,7 +202,10 @@ class Admission:
     def silences(self) -> tuple[SilentController, ...]:
         """Return the resources to halt now because their controllers are silent; each silence is returned once."""
         with self._guard:
-            return self._dead_man.due(self._clock.now())
+            due = self._dead_man.due(self._clock.now())
+            next_s = self._dead_man.due_s
+            self.quiet_until_s = math.inf if next_s is None else next_s
+        return due
 
     def holders(self) -> dict[str, str]:
         """Return the clients that hold leases, by resource."""
@@ -207,4 +214,4 @@ class Admission:
 
 
 def _stamp_of(header: CallHeader) -> Stamp:
-    return Stamp(header.call_id, header.ttl_s, header.era, header.echo_s, header.held_s)
+    return tuple.__new__(Stamp, (header.call_id, header.ttl_s, header.era, header.echo_s, header.held_s))

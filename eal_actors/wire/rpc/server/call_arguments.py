@@ -45,12 +45,17 @@ def start_call(
     """
     plain = header.arguments
     arguments: tuple[Any, ...] = plain
-    check_texts(method, plain, _MAX_TEXT)
-    if tuple(map(type, plain)) != _ARGUMENT_TYPES[method] or (data is None and method in _NEED_DATA):
-        raise ProtocolError(f"{method} does not take the arguments {plain!r}{'' if data is None else ' and a value'}")
+    check_arguments(method, plain, data)
     if method in _TAKE_DATA:
         arguments = (data, *plain) if method in ("set_value", "write_comm") else (*plain, data)
     return handle.start_call(method, arguments, timeout_s, begin_by_s, start_s)
+
+
+def check_arguments(method: str, plain: tuple[str | int, ...], data: EALData | None) -> None:
+    """Raise ProtocolError unless a method takes such arguments."""
+    check_texts(method, plain, _MAX_TEXT)
+    if tuple(map(type, plain)) != _ARGUMENT_TYPES[method] or (data is None and method in _NEED_DATA):
+        raise ProtocolError(f"{method} does not take the arguments {plain!r}{'' if data is None else ' and a value'}")
 
 
 def check_texts(method: str, arguments: Iterable[str | int], most: int) -> None:

@@ -17,9 +17,9 @@ from eal_actors.kernel.errors import BusyError, EALError, ProtocolError, Unsuppo
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.network_model import NetworkConfig
 from eal_actors.wire.format import keys
-from eal_actors.wire.format.batches import decode_batch, is_batch
+from eal_actors.wire.format.batches import BEGINS_BATCH, decode_batch
 from eal_actors.wire.format.messages import decode_heartbeat
-from eal_actors.wire.format.parts import PartStore, is_part
+from eal_actors.wire.format.parts import BEGINS_PART, PartStore
 from eal_actors.wire.rpc.server.outbox import Outbox, ReplyBatch
 from eal_actors.wire.rpc.server.request_queue import RequestQueue
 from eal_actors.wire.rpc.server.robot_server import RobotServer
@@ -192,8 +192,8 @@ class RobotHost(EALActor):
         """
         return caller in self._revoked or (self._network.security is None and caller != keys.ANYBODY)
 
-    def _on_call(self, sample: zenoh.Sample) -> None:
-        key, attachment = str(sample.key_expr), sample.attachment
+    def _on_call(self, key: str, sample: zenoh.Sample) -> None:
+        attachment = sample.attachment
         envelope = b"" if attachment is None else attachment.to_bytes()
         payload: Payload = sample.payload.to_bytes()
         try:
@@ -201,12 +201,12 @@ class RobotHost(EALActor):
             if self._is_ignored(route.call.caller):
                 return
             server = self._servers.get(route.call.robot)
-            if is_part(envelope):
+            if envelope[:1] == BEGINS_PART:
                 whole = self._parts.add(key, envelope, payload)
                 if whole is None:
                     return
                 envelope, payload = whole
-            if is_batch(envelope):
+            if envelope[:1] == BEGINS_BATCH:
                 self._receive_batch(key, route, decode_batch(envelope, 3))
                 return
         except ProtocolError as error:
@@ -230,14 +230,14 @@ class RobotHost(EALActor):
             if server is not None:
                 server.receive(other, envelope, payload, batch)
 
-    def _on_heartbeat(self, sample: zenoh.Sample) -> None:
+    def _on_heartbeat(self, key: str, sample: zenoh.Sample) -> None:
         try:
-            caller, client = keys.parse_heartbeat(str(sample.key_expr))
+            caller, client = keys.parse_heartbeat(key)
             beat = decode_heartbeat(sample.payload.to_bytes())
             if beat.client != keys.client_id(caller, client):
                 raise ProtocolError(f"a controller named {caller} sends the heartbeat of another one")
         except ProtocolError as error:
-            self._malformed.warn(keys.sender_of(str(sample.key_expr)), "a heartbeat is malformed", error.message)
+            self._malformed.warn(keys.sender_of(key), "a heartbeat is malformed", error.message)
             return
         if self._is_ignored(caller):
             return

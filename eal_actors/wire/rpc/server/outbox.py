@@ -36,6 +36,7 @@ class Outbox(Sender):
 
     Attributes:
         urgent: sends the urgent messages.
+        is_full: whether so many bytes wait that no further value may be queued.
 
     Thread: an actor.
     """
@@ -44,6 +45,7 @@ class Outbox(Sender):
         super().__init__(name)
         self.urgent: Final = Sender(f"{name} for stops")
         self._transport = transport
+        self.is_full = False
         self._backlog_bytes = 0
         self._busy_until_s = -math.inf  # as far as is known, a link may be full until then
         self._put_lock = threading.Lock()
@@ -57,11 +59,6 @@ class Outbox(Sender):
     @override
     def on_stop(self) -> None:
         self.urgent.end_soon()
-
-    @property
-    def is_full(self) -> bool:
-        """Whether so many bytes wait that no further value may be queued. Thread: any."""
-        return self._backlog_bytes >= MAX_BACKLOG_BYTES
 
     def move_to(self, transport: Transport) -> None:
         """Send on another session from now on. Thread: any."""
@@ -83,8 +80,14 @@ class Outbox(Sender):
 
         Thread: one that may wait for a link; see Message.send.
         """
-        if not self._put_here(key, envelope, payload, is_vital=True):
+        if not self._put_lock.acquire(blocking=False):
             self.publish(key, envelope, payload, is_urgent=is_urgent)
+            return
+        try:
+            self._note_size(payload)
+            self._transport.put(key, envelope, payload)
+        finally:
+            self._put_lock.release()
 
     def publish_briefly(self, key: str, envelope: bytes, payload: Payload, *, is_urgent: bool = False) -> None:
         """Send a message in this thread if that takes no time, else queue it.
@@ -95,21 +98,16 @@ class Outbox(Sender):
         and further ones go behind it. A router would drop it unnoticed.
         """
         now_s = REAL_TIME.now()
-        is_quiet = self.is_idle and not is_urgent and now_s >= self._busy_until_s and not self._transport.is_relayed
-        is_sent = is_quiet and self._put_here(key, envelope, payload, is_vital=False)
+        is_quiet = not (self.unsent or is_urgent or now_s < self._busy_until_s or self._transport.is_relayed)
+        is_sent = is_quiet and self._put_lock.acquire(blocking=False)
+        if is_sent:
+            try:
+                self._note_size(payload)
+                self._transport.put(key, envelope, payload, is_vital=False)
+            finally:
+                self._put_lock.release()
         if not is_sent or REAL_TIME.now() - now_s >= _SLOW_PUT_S:
             self.publish(key, envelope, payload, is_urgent=is_urgent)
-
-    def _put_here(self, key: str, envelope: bytes, payload: Payload, *, is_vital: bool) -> bool:
-        """Send a message in this thread; return False if another thread is sending."""
-        if not self._put_lock.acquire(blocking=False):
-            return False
-        try:
-            self._note_size(payload)
-            self._transport.put(key, envelope, payload, is_vital=is_vital)
-        finally:
-            self._put_lock.release()
-        return True
 
     def _note_size(self, payload: Payload) -> None:
         if len(payload) > _LARGE_BYTES:
@@ -119,6 +117,7 @@ class Outbox(Sender):
         if payload_bytes:  # most messages have none
             with self._lock:
                 self._backlog_bytes += payload_bytes
+                self.is_full = self._backlog_bytes >= MAX_BACKLOG_BYTES
 
     def put(self, message: _OutgoingMessage, *, is_last: bool) -> None:
         """Send a queued message, after the one that is being sent unless it is urgent. Thread: see Message.send."""

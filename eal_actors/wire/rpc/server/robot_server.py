@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from eal_actors.actors.future import Future
@@ -35,7 +36,6 @@ from eal_actors.wire.format.messages import (
     ACCEPTED,
     Answer,
     CallHeader,
-    CallReply,
     Heartbeat,
     RobotEvent,
     RobotTime,
@@ -45,9 +45,9 @@ from eal_actors.wire.format.messages import (
     sequence_at,
 )
 from eal_actors.wire.format.packing import Buffer
-from eal_actors.wire.rpc.clock_offset import fleet_time_of, real_time_of
+from eal_actors.wire.format.readings import encode_value
 from eal_actors.wire.rpc.server.admission import Admission
-from eal_actors.wire.rpc.server.call_arguments import is_stop, start_call
+from eal_actors.wire.rpc.server.call_arguments import check_arguments, is_stop, start_call
 from eal_actors.wire.rpc.server.controller_memories import ControllerMemories
 from eal_actors.wire.rpc.server.outbox import Outbox, ReplyBatch
 from eal_actors.wire.rpc.server.request_handler import RequestHandler
@@ -101,7 +101,9 @@ class RobotServer:
     ) -> None:
         self._fleet = fleet
         self._robot = robot
+        self._handles: dict[str, ResourceHandle] = {}  # of a robot of this process, which keeps its resources
         self._clock = robot.clock
+        self._second = robot.clock.of_real(1.0)
         self._session = session
         self._outbox = outbox
         self._requests = requests
@@ -230,20 +232,21 @@ class RobotServer:
         call, reply_to = route.call, None
         try:
             header, data = decode_call(envelope, payload)
-            reply_to = ReplyTo(route.answer_key, header.sequence, False, batch)
+            reply_to = tuple.__new__(ReplyTo, (route.answer_key, header.sequence, False, batch))
             if header.client != route.client:
                 raise ProtocolError(f"a controller named {call.caller} calls in the name of another one")
             if header.era:  # a command, whose caller is named to others
                 self._admission.names.note(route.client, call.caller)
             if data is not None and data.stamp_s is not None:
-                data = data.with_meta(stamp_s=fleet_time_of(self._clock, data.stamp_s))
+                data = data.with_meta(stamp_s=self._clock.from_real(data.stamp_s))
             if header.traceparent:
                 with spans.within(header.traceparent):
-                    self._dispatch(call, reply_to, header, data)
-            elif call.resource != keys.ROBOT:  # as _dispatch, for the most frequent calls
-                self._serve(self._robot[call.resource], call.method, reply_to, header, data)
+                    self._dispatch(route, reply_to, header, data)
+            elif route.is_reading:  # as _dispatch, for the most frequent calls
+                handle = self._handles.get(call.resource) or self._handle(call.resource)
+                self._serve_reading(handle, call.method, reply_to, header, data)
             else:
-                self._serve_robot(call, reply_to, header)
+                self._dispatch(route, reply_to, header, data)
         except EALError as error:
             self._answer(reply_to or ReplyTo(route.answer_key, 0), error.at(self._robot.name))
         except Exception as error:  # noqa: BLE001  # else the caller would get no reply at all
@@ -262,27 +265,38 @@ class RobotServer:
         reply_to = ReplyTo(route.answer_key, sequence_at(first))
         self._answer(reply_to, error.at(self._robot.name))
 
-    def _dispatch(self, call: keys.CallKey, reply_to: ReplyTo, header: CallHeader, data: EALData | None) -> None:
+    def _handle(self, resource: str) -> ResourceHandle:
+        handle = self._handles[resource] = self._robot[resource]
+        return handle
+
+    def _dispatch(self, route: keys.CallRoute, reply_to: ReplyTo, header: CallHeader, data: EALData | None) -> None:
+        call = route.call
         if call.resource == keys.ROBOT:
             self._serve_robot(call, reply_to, header)
         else:
-            self._serve(self._robot[call.resource], call.method, reply_to, header, data)
+            serve = self._serve_reading if route.is_reading else self._serve
+            serve(self._handles.get(call.resource) or self._handle(call.resource), call.method, reply_to, header, data)
+
+    def _serve_reading(
+        self, handle: ResourceHandle, method: str, reply_to: ReplyTo, header: CallHeader, data: EALData | None
+    ) -> None:
+        if header.deadline_s <= 0:
+            raise DeadlineError(f"{method} came after its deadline; it was not executed")
+        if method != "get_value" or header.arguments:
+            check_arguments(method, header.arguments, data)
+        is_brief = method == "get_value" and handle.reads_now  # perhaps in this thread, which must not wait for a link
+        send = self._outbox.publish_briefly if is_brief else self._outbox.publish_from_here
+        answer = partial(self._answer_reading, reply_to, header.client, send)
+        handle.start_reading(method, header.arguments, header.deadline_s * self._second, answer)
 
     def _serve(
         self, handle: ResourceHandle, method: str, reply_to: ReplyTo, header: CallHeader, data: EALData | None
     ) -> None:
         if header.deadline_s <= 0 and method not in (keys.INFO, keys.STREAM):
             raise DeadlineError(f"{method} came after its deadline; it was not executed")
-        timeout_s = self._clock.of_real(header.deadline_s)
-        if method in keys.RETRYABLE_METHODS:
-            send = self._outbox.publish_from_here
-            if method == "get_value" and handle.reads_now:  # perhaps in this thread, which must not wait for a link
-                send = self._outbox.publish_briefly
-            call = start_call(handle, method, header, data, timeout_s)
-            call.link(lambda done, _: self._answer_reading(reply_to, self._outcome(done), header.client, send))
-        elif method == keys.HALT or is_stop(handle, method, header):
+        if method == keys.HALT or is_stop(handle, method, header):
             self._admission.note_stop(header, handle.name)
-            call = start_call(handle, method, header, data, timeout_s)
+            call = start_call(handle, method, header, data, header.deadline_s * self._second)
             call.link(lambda done, _: self._answer(reply_to._replace(is_urgent=True), self._outcome(done)))
         elif method == keys.INFO:
             self._answer(reply_to, handle.info.to_dict())
@@ -295,19 +309,22 @@ class RobotServer:
     def _serve_command(
         self, handle: ResourceHandle, method: str, reply_to: ReplyTo, header: CallHeader, data: EALData | None
     ) -> None:
-        self._halt_silent()  # before another controller's first command
-        begin_in_s, left_s = map(self._clock.of_real, self._admission.check(header, method, handle.name))
-        begin_by_s = self._clock.now() + begin_in_s
-        start_s = None if header.start_s is None else fleet_time_of(self._clock, header.start_s)
+        now_s = REAL_TIME.now()
+        if now_s >= self._admission.quiet_until_s:
+            self._halt_silent()  # before another controller's first command
+        begin_in_s, left_s = self._admission.check(header, method, handle.name)
+        begin_by_s = self._clock.now() + begin_in_s * self._second
+        start_s = None if header.start_s is None else self._clock.from_real(header.start_s)
         call_id, value_bytes = header.call_id, 0 if data is None else data.length
         try:
-            self._running.check_room(value_bytes)
-            call = start_call(handle, method, header, data, left_s, begin_by_s, start_s)
+            if value_bytes:
+                self._running.check_room(value_bytes)
+            call = start_call(handle, method, header, data, left_s * self._second, begin_by_s, start_s)
         except EALError as error:
             self._admission.finish(call_id, error)
             raise
         call.caller = self._admission.names.of(header.client)
-        command = ServedCommand(call_id, reply_to, call, REAL_TIME.now(), value_bytes)
+        command = ServedCommand(call_id, reply_to, call, now_s, value_bytes)
         self._running.add(command)
         call.link(lambda _, __: self._finish(command))
 
@@ -318,7 +335,7 @@ class RobotServer:
         reply_to = self._running.end(command)
         began_s = command.call.began_s
         if began_s is not None:
-            began_s = real_time_of(self._clock, began_s)
+            began_s = self._clock.to_real(began_s)
         if reply_to is not None:
             self._answer(reply_to, outcome, began_s=began_s, send=self._outbox.publish_briefly)
         else:
@@ -351,12 +368,11 @@ class RobotServer:
 
     def _outcome(self, done: Future[Any]) -> Answer:
         """Return the result of a finished call, with its stamp in real time."""
-        error = done.exception()
+        value, error = done.outcome
         if error is not None:
             return error if isinstance(error, EALError) else ResourceFaultError(error_text(error))
-        value = done.get()
         if type(value) is EALData and (stamp_s := value.stamp_s) is not None:
-            return value.restamped(real_time_of(self._clock, stamp_s))
+            return value.with_meta(stamp_s=self._clock.to_real(stamp_s))
         return 1 if value is None else value
 
     def _answer(
@@ -369,21 +385,35 @@ class RobotServer:
         shared: SharedValue | None = None,
     ) -> None:
         """Reply to a call; a value in shared memory is not sent."""
-        time = RobotTime(self._era, REAL_TIME.now(), began_s)
-        if isinstance(answer, EALData) and shared is None and self._outbox.is_full:
+        time = tuple.__new__(RobotTime, (self._era, REAL_TIME.now(), began_s))
+        if self._outbox.is_full and isinstance(answer, EALData) and shared is None:
             answer = BusyError("too many values wait for the network; read them less often", robot=self._robot.name)
         try:
-            envelope, payload = encode_reply(CallReply(reply_to.sequence, answer, time), shared)
+            envelope, payload = encode_reply((reply_to.sequence, answer, time), shared)
         except EALError as error:  # too large, for example
-            envelope, payload = encode_reply(CallReply(reply_to.sequence, error.at(self._robot.name), time))
-        batch = reply_to.batch
-        if batch is not None and not reply_to.is_urgent and batch.add(self._robot.name, envelope, payload):
-            return
-        (send or self._outbox.publish)(reply_to.key, envelope, payload, is_urgent=reply_to.is_urgent)
+            envelope, payload = encode_reply((reply_to.sequence, error.at(self._robot.name), time))
+        self._send(reply_to, envelope, payload, send or self._outbox.publish)
 
-    def _answer_reading(self, reply_to: ReplyTo, answer: Answer, client: str, send: Callable[..., None]) -> None:
+    def _send(self, reply_to: ReplyTo, envelope: bytes, payload: Payload, send: Callable[..., None]) -> None:
+        key, _, is_urgent, batch = reply_to
+        if batch is None or is_urgent or not batch.add(self._robot.name, envelope, payload):
+            send(key, envelope, payload, is_urgent=is_urgent)
+
+    def _answer_reading(
+        self, reply_to: ReplyTo, client: str, send: Callable[..., None], done: Future[Any], _: object
+    ) -> None:
         """Reply to a call that changes nothing; its value may be handed over in shared memory."""
-        shared = None
+        value = done.outcome[0]
+        if type(value) is EALData and value.length < LEAST_BYTES and not self._outbox.is_full:  # the usual case
+            stamp_s = None if value.stamp_s is None else self._clock.to_real(value.stamp_s)
+            try:
+                envelope = encode_value(reply_to.sequence, value, stamp_s, self._era, REAL_TIME.now())
+            except EALError as error:
+                self._answer(reply_to, error.at(self._robot.name))
+            else:
+                self._send(reply_to, envelope, value.payload, send)
+            return
+        answer, shared = self._outcome(done), None
         if type(answer) is EALData and answer.length >= LEAST_BYTES:
             shared = self._memories.put(client, answer.payload)
         self._answer(reply_to, answer, send=send, shared=shared)

@@ -14,7 +14,6 @@ from eal_actors.device.resource import Progress
 from eal_actors.kernel.errors import BusyError
 from eal_actors.wire.format.messages import CallId
 from eal_actors.wire.format.packing import MAX_CALL_BYTES
-from eal_actors.wire.rpc.clock_offset import real_time_of
 from eal_actors.wire.rpc.server.outbox import ReplyBatch
 
 PROGRESS_PERIOD_S: Final = 0.25
@@ -75,7 +74,7 @@ class ServedCommand:
     def to_fields(self) -> dict[str, Any]:
         """Return the fields of its `began` event; times are the robot's real time."""
         call = self.call
-        began_s = self.since_s if call.began_s is None else real_time_of(call.clock, call.began_s)
+        began_s = self.since_s if call.began_s is None else call.clock.to_real(call.began_s)
         about = {
             "resource": call.cell.name,
             "command": _truncate(command_of(call)),
@@ -89,7 +88,7 @@ class ServedCommand:
         progress = self.call.progress()
         if progress is None:
             return {}
-        time_s = real_time_of(self.call.clock, progress.time_s)
+        time_s = self.call.clock.to_real(progress.time_s)
         return {"progress": [progress.fraction, _truncate(progress.text), time_s]}
 
 

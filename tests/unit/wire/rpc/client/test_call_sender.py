@@ -15,18 +15,17 @@ from tests.robots import WAIT_S
 def test_it_waits_for_answers_once_many_are_in_flight(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(call_sender, "PATIENCE_S", WAIT_S)
     window = InFlightWindow()
-    for _ in range(WINDOW - 1):
-        window.sent()
+    window.calls.update(range(WINDOW - 1))
     assert not window.is_full
-    window.sent()
+    window.calls.add(WINDOW - 1)
     assert window.is_full
     waiting = threading.Thread(target=window.wait_for_room)
     waiting.start()
     assert eventually(lambda: window._resume_at is not None)
-    for _ in range(WINDOW // 2 - 1):
-        window.answered()
+    for call in range(WINDOW // 2 - 1):
+        window.answered(call)
     assert window._resume_at is not None
-    window.answered()
+    window.answered(WINDOW // 2 - 1)
     waiting.join(WAIT_S / 2)
     assert not waiting.is_alive()
     assert window._slow == 0
@@ -34,12 +33,11 @@ def test_it_waits_for_answers_once_many_are_in_flight(monkeypatch: pytest.Monkey
 
 def test_what_is_never_answered_holds_nobody_up_for_long() -> None:
     window = InFlightWindow()
-    for _ in range(WINDOW):
-        window.sent()
+    window.calls.update(range(WINDOW))
     window.wait_for_room()  # returns, for no answer comes
-    for _ in range(WINDOW - 1):
-        window.sent()
+    for call in range(WINDOW, 2 * WINDOW - 1):
+        window.calls.add(call)
         assert not window.is_full  # what is slow counts no more
-    for _ in range(2 * WINDOW - 1):
-        window.answered()
-    assert (window.in_flight, window._slow) == (0, 0)
+    for call in range(2 * WINDOW - 1):
+        window.answered(call)
+    assert (window.calls, window._slow) == (set(), 0)

@@ -1,0 +1,52 @@
+"""The most frequent messages in one step: a call that changes nothing, and a reply with a value.
+
+Their bytes are those of encode_call and encode_reply, without the objects that these take.
+
+Thread: any; nothing here keeps state.
+"""
+
+from __future__ import annotations
+
+from eal_actors.device.data import EALData
+from eal_actors.wire.format.messages import DATA
+from eal_actors.wire.format.packing import PROTOCOL_VERSION, pack, packed_client
+
+
+def encode_reading(
+    client: str, epoch: int, sequence: int, left_s: float, arguments: tuple[str | int, ...], traceparent: str
+) -> bytes:
+    """Return the envelope of a call that changes nothing, as encode_call.
+
+    Args:
+        client: see CallId.
+        epoch: see CallId.
+        sequence: see CallId.
+        left_s: seconds until its deadline, which is its time to live too.
+        arguments: see CallHeader.
+        traceparent: see CallHeader.
+
+    Raises:
+        DataError: a field cannot be packed.
+    """
+    row = [PROTOCOL_VERSION, packed_client(client), epoch, sequence, left_s, left_s, None, arguments, None]
+    if traceparent:
+        row += "", 0.0, 0.0, False, traceparent
+    return pack(row, "call")
+
+
+def encode_value(sequence: int, data: EALData, stamp_s: float | None, era: str, time_s: float) -> bytes:
+    """Return the envelope of a reply with a value, as encode_reply.
+
+    Args:
+        sequence: number of the call.
+        data: the value.
+        stamp_s: its time by the robot's clock.
+        era: see RobotTime.
+        time_s: see RobotTime.
+
+    Raises:
+        DataError: a field cannot be packed.
+    """
+    c_type, _, shape, unit, frame_id, _ = data.description
+    body = c_type.full_name, shape, unit, frame_id, stamp_s
+    return pack((PROTOCOL_VERSION, sequence, DATA, body, era, time_s), "answer")

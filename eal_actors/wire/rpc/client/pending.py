@@ -1,0 +1,69 @@
+"""PendingCalls: the calls to one robot that wait for their replies.
+
+A call and its reply are two publications that only the call's number connects. When no reply will come, the robot's
+liveliness token disappears or the call's time runs out; both end the call here. Each call ends once, since the
+thread that takes it out of the dictionary ends it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final, Protocol
+
+from eal_actors.wire.format.messages import Answer, RobotTime
+
+
+class PendingCall(Protocol):
+    """Call that waits for a reply. One of its three methods is called, once; none may block zenoh's threads."""
+
+    @property
+    def end_s(self) -> float:
+        """Real time at which it times out."""
+        ...
+
+    def answered(self, answer: Answer, time: RobotTime | None) -> None:
+        """Handle the answer and, if included, the robot's clock. Thread: zenoh's."""
+        ...
+
+    def lost(self) -> None:
+        """Handle that the robot is unreachable. Thread: any."""
+        ...
+
+    def timed_out(self) -> None:
+        """Handle that its time is over. Thread: any."""
+        ...
+
+
+class PendingCalls:
+    """Pending calls of one robot.
+
+    Attributes:
+        calls: the calls by their numbers; added before they are sent. The thread that removes one calls its method.
+
+    Thread: any.
+    """
+
+    def __init__(self) -> None:
+        self.calls: Final[dict[int, PendingCall]] = {}
+
+    def _take_all(self) -> Iterator[PendingCall]:
+        for number in list(self.calls):
+            call = self.calls.pop(number, None)
+            if call is not None:
+                yield call
+
+    def answer_all(self, answer: Answer, time: RobotTime | None) -> None:
+        """Pass a reply to all: the robot could not decode the number of its call."""
+        for call in self._take_all():
+            call.answered(answer, time)
+
+    def lose_all(self) -> None:
+        """Report all as lost: the robot is unreachable."""
+        for call in self._take_all():
+            call.lost()
+
+    def expire(self, now_s: float) -> None:
+        """Report those whose time is over at a real time."""
+        for number, call in list(self.calls.items()):
+            if call.end_s <= now_s and self.calls.pop(number, None) is not None:
+                call.timed_out()
