@@ -1,12 +1,14 @@
 """Where the time of a remote call goes: microseconds between the stations of its path, at both ends.
 
-Run as `python -m tests.benchmarks.account`: it prints a table in Markdown, which docs/network-account.md holds. Each
+Run as `python -m tests.benchmarks.account [--page PAGE] [--before CHECKOUT]`: it prints a table in Markdown, and writes
+it into a page, beside the figures of an earlier checkout if one is given. Both are measured twice, in turn. Each
 station is a method that the path enters or leaves; a wrapper notes the time of the system's clock there, which both
 processes share. One core; the median of the calls counts. A wrapper adds about half a microsecond.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import statistics
@@ -15,6 +17,7 @@ import sys
 import time
 from collections import defaultdict
 from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
@@ -27,9 +30,12 @@ from eal_actors.wire.rpc.server.host import RobotHost
 from eal_actors.wire.transport import Transport
 from tests.benchmarks import network_host
 from tests.benchmarks.network_host import fleet_of
+from tests.benchmarks.page import machine, write_between
 from tests.net.links import free_port
 
 ROOT: Final = Path(__file__).parents[2]
+BEGIN: Final = "<!-- written by python -m tests.benchmarks.account: begin -->"
+WHOLE: Final = "whole call"
 CALLS: Final = 400
 WARM_UP: Final = 100
 
@@ -97,7 +103,7 @@ def serve() -> None:
 def measure(call: Callable[[Any], object], port: int) -> dict[str, float]:
     """Return the median microseconds of each leg."""
     robot = subprocess.Popen(
-        [sys.executable, "-m", "tests.benchmarks.account", "1", str(port)],
+        [sys.executable, "-m", "tests.benchmarks.account", "--serve", "1", str(port)],
         cwd=ROOT,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
@@ -138,25 +144,63 @@ def legs(spans: list[tuple[int, int]], every: list[tuple[str, int]]) -> dict[str
             if station in passed:  # a message of another kind may have crossed the call
                 durations[what].append((passed[station] - before) / 1000)
                 before = passed[station]
-        durations["whole call"].append((end - start) / 1000)
+        durations[WHOLE].append((end - start) / 1000)
     return {what: statistics.median(times) for what, times in durations.items()}
 
 
-def table() -> str:
-    """Return the account of a reading and of a command in Markdown."""
-    os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+def account() -> dict[str, list[float]]:
+    """Return the median microseconds of each leg of a reading and of a command."""
     observe(CONTROLLER)
     reading = measure(lambda lamp: lamp.get_value().get(), free_port())
     notes.clear()
     command = measure(lambda lamp: lamp.send_cmd("on").get(), free_port())
-    lines = ["| end | what | get_value, µs | send_cmd, µs |", "|---|---|---|---|"]
-    for end, what in [*((end, what) for end, what, _ in LEGS), ("", "whole call")]:
-        lines.append(f"| {end} | {what} | {reading.get(what, 0):.0f} | {command.get(what, 0):.0f} |")
-    return "\n".join(lines)
+    return {what: [reading.get(what, 0), command.get(what, 0)] for what in (*(leg for _, leg, _ in LEGS), WHOLE)}
+
+
+def account_of(checkout: Path) -> dict[str, list[float]]:
+    """Return the account of a checkout, measured by its own module: the rows of the table that it prints."""
+    environment = {**os.environ, "PYTHONPATH": str(checkout)}
+    command = [sys.executable, "-m", "tests.benchmarks.account"]
+    printed = subprocess.run(command, cwd=checkout, env=environment, check=True, capture_output=True, text=True).stdout
+    rows = [[cell.strip() for cell in line.strip("| ").split("|")] for line in printed.splitlines()]
+    return {row[-3]: [float(row[-2]), float(row[-1])] for row in rows if row[-1].isdecimal()}
+
+
+def table(before: Path | None) -> str:
+    """Return the account in Markdown, beside that of an earlier checkout."""
+    checkouts = [ROOT] if before is None else [before, ROOT]
+    accounts = [[account_of(checkout) for checkout in checkouts] for _ in range(2 if before else 1)]
+    titles = ["get_value", "send_cmd"] if before is None else ["get_value before", "now", "send_cmd before", "now"]
+    lines = [f"| end | what | {' | '.join(titles)} |", "|---" * (2 + len(titles)) + "|"]
+    for end, what in [*((end, what) for end, what, _ in LEGS), ("", WHOLE)]:
+        kinds = [
+            [statistics.mean(run[place][what][kind] for run in accounts) for place in range(len(checkouts))]
+            for kind in (0, 1)
+        ]
+        lines.append(f"| {end} | {what} | {' | '.join(f'{time_us:.0f}' for kind in kinds for time_us in kind)} |")
+    return "\n".join([*lines, "", f"{machine()}; eclipse-zenoh {version('eclipse-zenoh')}."])
+
+
+def main() -> None:
+    """Print the account of this checkout; write it into a page if one is named."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--page", type=Path)
+    parser.add_argument("--before", type=Path)
+    parser.add_argument("--serve", nargs=2)
+    options = parser.parse_args()
+    os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+    if options.serve:
+        sys.argv[1:] = options.serve
+        serve()
+    elif options.page is None and options.before is None:
+        lines = [f"| {what} | {reading:.0f} | {command:.0f} |" for what, (reading, command) in account().items()]
+        sys.stdout.write("\n".join(["| what | get_value, µs | send_cmd, µs |", "|---|---|---|", *lines]) + "\n")
+    else:
+        text = table(options.before)
+        sys.stdout.write(text + "\n")
+        if options.page is not None:
+            write_between(options.page, BEGIN, text)
 
 
 if __name__ == "__main__":
-    if len(sys.argv) > 1:
-        serve()
-    else:
-        sys.stdout.write(table() + "\n")
+    main()

@@ -1,10 +1,10 @@
 """The least cost of a remote call: one step after another from raw TCP to this project's call, in one run.
 
-Run as `python -m tests.benchmarks.floor [--page PAGE]`. Each step adds what the next one needs: two publications of the
-engine; a thread for the resource and one for the caller, as actors and futures need them; the packed fields of a call
-and its reply, numbered, so that several callers share a link. What the last row adds keeps the promises: admission,
-deadlines, leases, receipts, times, and a bounded mailbox. All processes share one core, and each step is measured in
-turn with raw TCP, round by round.
+Run as `python -m tests.benchmarks.floor [--page PAGE]`. Every step uses the engine as the project does: its threads,
+keys and publishers. Each step adds what the next one needs: two publications of the engine; a thread for the resource
+and one for the caller, as actors and futures need them; the packed fields of a call and its reply, numbered, so that
+several callers share a link. What the last row adds keeps the promises: admission, deadlines, leases, receipts, times,
+and a bounded mailbox. All processes share one core, and each step is measured in turn with raw TCP, round by round.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ import zenoh
 
 from eal_actors import Fleet
 from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.wire.engine_threads import share_threads
+from eal_actors.wire.format import keys
 from tests.benchmarks.network_host import fleet_of
 from tests.benchmarks.page import machine, write_between
 from tests.benchmarks.peers.engine import session
@@ -37,6 +39,10 @@ from tests.net.links import free_port
 BEGIN: Final = "<!-- written by python -m tests.benchmarks.floor: begin -->"
 CALL: Final = [10, bytes(16), 1, 1, 1.0, 5.0, None, [], None]
 """The fields of a call, as many and as long as this project's."""
+FLEET, ROBOT, SECRET = "crowd", "bot1", "0" * 32
+_CALL_TO: Final = keys.CallKey(FLEET, ROBOT, "Lamp", "get_value", keys.ANYBODY, SECRET)
+CALL_KEY, ANSWER = keys.call_key(_CALL_TO), keys.answer_key(_CALL_TO)
+ANSWERS: Final = keys.answer_keys(FLEET, keys.ANYBODY, SECRET)
 ROUNDS, CALLS = 15, 200
 PUBLISHED, THREADS, PACKED, OURS = "published", "threads", "packed", "ours"
 STEPS: Final = {
@@ -48,12 +54,19 @@ STEPS: Final = {
 
 
 def _publisher(opened: zenoh.Session, key: str) -> zenoh.Publisher:
-    return opened.declare_publisher(key, congestion_control=zenoh.CongestionControl.BLOCK, express=True)
+    block, elsewhere = zenoh.CongestionControl.BLOCK, zenoh.Locality.REMOTE
+    return opened.declare_publisher(key, congestion_control=block, express=True, allowed_destination=elsewhere)
 
 
-def _follow(opened: zenoh.Session, key: str, handle: Callable[[zenoh.Sample], None]) -> None:
-    """Handle the messages of a key in a thread, as this project's Transport does."""
-    channel = opened.declare_subscriber(key, zenoh.handlers.FifoChannel(64))
+def _subscriber(opened: zenoh.Session, expression: str, key: str) -> zenoh.Subscriber[Any]:
+    """Subscribe as this project's Transport does: to many keys, of which the used ones are declared."""
+    opened.declare_keyexpr(key)
+    return opened.declare_subscriber(expression, zenoh.handlers.FifoChannel(64))
+
+
+def _follow(opened: zenoh.Session, expression: str, key: str, handle: Callable[[zenoh.Sample], None]) -> None:
+    """Handle messages in a thread, as this project's Transport does."""
+    channel = _subscriber(opened, expression, key)
 
     def read() -> None:
         for sample in channel:
@@ -65,7 +78,7 @@ def _follow(opened: zenoh.Session, key: str, handle: Callable[[zenoh.Sample], No
 def serve(step: str, port: int) -> None:
     """Answer the calls of one step until the standard input ends."""
     opened = session(port, listens=True)
-    answers = _publisher(opened, "answers")
+    answers = _publisher(opened, ANSWER)
     mailbox: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
 
     def answer(envelope: bytes | None) -> None:
@@ -89,7 +102,7 @@ def serve(step: str, port: int) -> None:
             answer(mailbox.get())
 
     threading.Thread(target=work, daemon=True).start()
-    _follow(opened, "calls", receive)
+    _follow(opened, keys.call_keys(FLEET, ROBOT), CALL_KEY, receive)
     sys.stdout.write("up\n")
     sys.stdout.flush()
     sys.stdin.read()
@@ -101,13 +114,13 @@ class Caller:
 
     def __init__(self, step: str, port: int) -> None:
         self._opened = session(port, listens=False)
-        self._calls = _publisher(self._opened, "calls")
+        self._calls = _publisher(self._opened, CALL_KEY)
         self._numbers = itertools.count(1)
         self._pending: dict[int, tuple[threading.Lock, list[Any]]] = {}
         if step == PUBLISHED:
-            self._answers = self._opened.declare_subscriber("answers", zenoh.handlers.FifoChannel(64))
+            self._answers = _subscriber(self._opened, ANSWERS, ANSWER)
         else:
-            _follow(self._opened, "answers", self._receive)
+            _follow(self._opened, ANSWERS, ANSWER, self._receive)
         self.get = {PUBLISHED: self._read, THREADS: self._wait, PACKED: self._call}[step]
 
     def _read(self) -> None:
@@ -197,6 +210,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=ROUNDS)
     parser.add_argument("--serve", nargs=2)
     options = parser.parse_args()
+    share_threads()
     if options.serve:
         serve(options.serve[0], int(options.serve[1]))
         return
