@@ -22,8 +22,7 @@ import secrets
 import stat
 import threading
 import weakref
-from collections.abc import Callable
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Final, NamedTuple, Self
 
@@ -102,6 +101,11 @@ class SharedValue(NamedTuple):
     length: int
 
 
+@lru_cache(maxsize=16)
+def _array_type(length: int) -> type[ctypes.Array[ctypes.c_ubyte]]:
+    return ctypes.c_ubyte * length  # making a type takes longer than all else
+
+
 class _Mapping:
     """A mapped memory. Thread: as its owner says."""
 
@@ -110,11 +114,9 @@ class _Mapping:
         self.content = memoryview(self._map)
         self.states = self.content[:_PAGE].cast("Q")[_FIRST_STATE : _FIRST_STATE + offer.slots]
 
-    def value(self, start: int, length: int, free: Callable[[], None]) -> memoryview:
-        """Return a part of the content without a copy; `free` is called when nothing refers to it any more."""
-        part = (ctypes.c_ubyte * length).from_buffer(self._map, start)
-        weakref.finalize(part, free).atexit = False
-        return memoryview(part).cast("B").toreadonly()
+    def part(self, start: int, length: int) -> ctypes.Array[ctypes.c_ubyte]:
+        """Return a part of the content without a copy; it lives while anything refers to it."""
+        return _array_type(length).from_buffer(self._map, start)
 
     def close(self) -> None:
         self.states.release()
@@ -140,7 +142,7 @@ class OwnedMemory:
             raise OSError("this system has no memfd_create")
         slot_bytes = -(-value_bytes // _PAGE) * _PAGE
         self._lock = threading.Lock()
-        self._taken: set[int] = set()  # numbers of the values in use
+        self._taken: dict[int, object] = {}  # values in use, by their numbers
         self._fd = os.memfd_create("eal-values", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
         try:
             token = secrets.token_bytes(_TOKEN_BYTES)
@@ -182,15 +184,16 @@ class OwnedMemory:
             if mapping is None or mapping.states[value.slot] != value.number or value.number in self._taken:
                 raise UnavailableError("a value is no longer in shared memory; read it again")
             if list(mapping.states).count(_FREE) >= _SPARE_SLOTS:
-                self._taken.add(value.number)
-                return mapping.value(start, value.length, partial(self._free, mapping.states, value))
+                part = mapping.part(start, value.length)
+                self._taken[value.number] = weakref.ref(part, partial(self._free, mapping.states, value))
+                return memoryview(part).cast("B").toreadonly()
             copy = bytes(mapping.content[start : start + value.length])
             mapping.states[value.slot] = _FREE
         return copy
 
-    def _free(self, states: memoryview, value: SharedValue) -> None:
+    def _free(self, states: memoryview, value: SharedValue, _: object) -> None:
         """Free the slot of a value that is no longer in use. Thread: any; it may hold the lock, so this takes none."""
-        self._taken.discard(value.number)
+        self._taken.pop(value.number, None)
         with contextlib.suppress(ValueError):  # the memory is closed
             states[value.slot] = _FREE
 
