@@ -83,8 +83,7 @@ class Call(Future[T]):
     """The greatest error of `began_s` in seconds: over 0 where it comes from another machine's clock."""
     stamp_error_s: float = 0.0
     """The greatest error of the answer's `stamp_s` in seconds: over 0 where it is from another machine's clock."""
-    stops: bool = False
-    """Whether it is a stop: it overtakes everything that waits."""
+    stops: bool = False  # a stop overtakes everything that waits
     caller: str = ""
     """The name of the calling process if it is another one; empty for this one."""
     span: spans.Span | None = None
@@ -321,8 +320,7 @@ class ResourceCell:
             if self.link.is_faulty:
                 self.carry(lambda: self.submit(call, has_arrived=True))
                 return
-            serve_now = self.serve_now
-            if serve_now is not None and self.clock.spares_turn(among_many=among_many) and serve_now(call):
+            if (serve_now := self.serve_now) and self.clock.spares_turn(among_many=among_many) and serve_now(call):
                 return
         actor = self.actor
         if self.latch.reason is not None and self.latch.refuses(call):

@@ -269,9 +269,7 @@ class ResourceActor(ReadinessActor):
         elif call._done or not self._may_begin(call, deadline_s):  # it was cancelled while it waited
             return
         self._current = call
-        self.busy_until_s = deadline_s
-        if deadline_s < self.watched_until_s:  # as busy, in every call
-            self.busy(deadline_s)
+        self.busy(deadline_s)
         log.set_call(call.call_id)
         if log.debug_enabled or call.span is not None:
             self._trace(call)

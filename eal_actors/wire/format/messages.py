@@ -14,8 +14,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple, TypeAlias, final
 
-import msgpack
-
 from eal_actors.device.data import EALData, Payload
 from eal_actors.device.data.c_types import short_repr
 from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError
@@ -53,8 +51,6 @@ from eal_actors.wire.shared_memory import SharedValue
 
 _STATUS, DATA, _ERROR, _FIELDS, _ACCEPTED = range(5)
 _NO_PAYLOAD: Final = b""
-_HEAD_BYTES: Final = 64
-"""Bytes of a call's envelope that contain its number."""
 _NO_TIME: Final = (None, None, None)
 _NO_ECHO: Final = "", 0.0, 0.0, False, ""
 """The last fields of a call that has no echo."""
@@ -234,18 +230,6 @@ def decode_call(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> tuple[CallHe
     about_call = hexadecimal(client), epoch, sequence, ttl_s, deadline_s, start_s, tuple(arguments), *echo
     header = tuple.__new__(CallHeader, about_call + _NO_ECHO[len(echo) :])  # CallHeader() takes several times as long
     return header, None if about is None and not payload else optional_data_from(about, payload, "call")
-
-
-def sequence_at(first: Buffer) -> int:
-    """Return the number of a call by the first bytes of its envelope; 0 if they are those of no call."""
-    unpacker = msgpack.Unpacker(max_buffer_size=_HEAD_BYTES)
-    unpacker.feed(first[:_HEAD_BYTES])
-    try:
-        unpacker.read_array_header()
-        *_, sequence = (unpacker.unpack() for _ in range(4))
-        return checked_count(sequence, "call: sequence")
-    except (ProtocolError, ValueError, msgpack.UnpackException):
-        return 0
 
 
 def _checked_call(row: object) -> list[Any]:

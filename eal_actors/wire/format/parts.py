@@ -15,6 +15,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
+import msgpack
+
 from eal_actors.device.data import Payload
 from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import BusyError, ProtocolError
@@ -40,6 +42,10 @@ MAX_AGE_S: Final = 10.0
 
 BEGINS_PART: Final = b"\x95"
 """First byte of the envelope of a part: a list of five."""
+
+
+_HEAD_BYTES: Final = 64
+"""Bytes of a call's envelope that contain its number."""
 
 
 def fits(envelope: bytes | None, payload: Payload) -> bool:
@@ -127,3 +133,15 @@ class PartStore:
         most = MAX_TOTAL_BYTES if caller == ANYBODY else MAX_BYTES
         if own + call.room > most or self.held_bytes + call.room > MAX_TOTAL_BYTES:
             raise BusyError("other large calls are on their way to the robot; call again, or one after another")
+
+
+def sequence_at(first: Buffer) -> int:
+    """Return the number of a call by the first bytes of its envelope; 0 if they are those of no call."""
+    unpacker = msgpack.Unpacker(max_buffer_size=_HEAD_BYTES)
+    unpacker.feed(first[:_HEAD_BYTES])
+    try:
+        unpacker.read_array_header()
+        *_, sequence = (unpacker.unpack() for _ in range(4))
+        return checked_count(sequence, "call: sequence")
+    except (ProtocolError, ValueError, msgpack.UnpackException):
+        return 0

@@ -13,7 +13,7 @@ from __future__ import annotations
 import threading
 from collections import defaultdict, deque
 from collections.abc import Callable
-from typing import Any, Final, NamedTuple, NoReturn
+from typing import Any, Final, NoReturn
 
 from typing_extensions import override
 
@@ -39,6 +39,7 @@ from eal_actors.wire.rpc.client.call_arguments import is_small, split_arguments
 from eal_actors.wire.rpc.client.call_sender import EncodedCall
 from eal_actors.wire.rpc.client.channel import Channel
 from eal_actors.wire.rpc.client.command_tracking import CommandTracker
+from eal_actors.wire.rpc.client.pending import SentCall
 from eal_actors.wire.rpc.sender import UrgentMessage
 from eal_actors.wire.shared_memory import LEAST_BYTES
 
@@ -227,7 +228,7 @@ class CallQueue(UrgentMessage):
             self.tracker.commands[call_id] = call
         if span is not None:
             span.note("sent")
-        channel.pending.calls[number] = tuple.__new__(_SentCall, (self, call, call_id, REAL_TIME.now() + left_s))
+        channel.pending.calls[number] = tuple.__new__(SentCall, (self, call, call_id, REAL_TIME.now() + left_s))
         self.window.calls.add(call)
         key = self._keys.get((name, method))
         if key is None:
@@ -278,7 +279,7 @@ class CallQueue(UrgentMessage):
         if time is not None:
             self._echo = time, REAL_TIME.now()
         pending = self._channel.pending.calls.pop(sequence, None)
-        if type(pending) is _SentCall:
+        if type(pending) is SentCall:
             self.conclude(pending.call, pending.call_id, answer, time)
         elif pending is not None:
             pending.answered(answer, time)
@@ -391,23 +392,3 @@ class CallQueue(UrgentMessage):
         for call in calls:
             call.fail(error.copy())
         self._channel.pending.lose_all()
-
-
-class _SentCall(NamedTuple):
-    """Call of a resource's method that was sent; commands have an identifier. A PendingCall."""
-
-    queue: CallQueue
-    call: Call[Any]
-    call_id: CallId | None
-    end_s: float
-
-    def answered(self, answer: Answer, time: RobotTime | None) -> None:
-        self.queue.conclude(self.call, self.call_id, answer, time)
-
-    def lost(self) -> None:
-        self.queue.window.answered(self.call)
-        self.queue.lose(self.call, self.call_id)
-
-    def timed_out(self) -> None:
-        self.queue.window.answered(self.call)
-        self.queue.expire(self.call)

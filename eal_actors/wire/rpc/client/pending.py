@@ -8,9 +8,13 @@ thread that takes it out of the dictionary ends it.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
 
-from eal_actors.wire.format.messages import Answer, RobotTime
+from eal_actors.actors.call import Call
+from eal_actors.wire.format.messages import Answer, CallId, RobotTime
+
+if TYPE_CHECKING:
+    from eal_actors.wire.rpc.client.call_queue import CallQueue
 
 
 class PendingCall(Protocol):
@@ -67,3 +71,26 @@ class PendingCalls:
         for number, call in list(self.calls.items()):
             if call.end_s <= now_s and self.calls.pop(number, None) is not None:
                 call.timed_out()
+
+
+class SentCall(NamedTuple):
+    """Call of a resource's method that was sent; commands have an identifier. A PendingCall."""
+
+    queue: CallQueue
+    call: Call[Any]
+    call_id: CallId | None
+    end_s: float
+
+    def answered(self, answer: Answer, time: RobotTime | None) -> None:
+        """Resolve the call."""
+        self.queue.conclude(self.call, self.call_id, answer, time)
+
+    def lost(self) -> None:
+        """Retry the call, or ask for its outcome."""
+        self.queue.window.answered(self.call)
+        self.queue.lose(self.call, self.call_id)
+
+    def timed_out(self) -> None:
+        """Fail the call."""
+        self.queue.window.answered(self.call)
+        self.queue.expire(self.call)

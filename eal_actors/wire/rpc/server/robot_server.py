@@ -11,9 +11,8 @@ from __future__ import annotations
 import secrets
 from collections.abc import Callable, Iterable
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
-from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
 from eal_actors.device.data import EALData, Payload
 from eal_actors.device.info import ResourceType
@@ -34,26 +33,22 @@ from eal_actors.managers.network_model import NetworkConfig
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import (
     ACCEPTED,
-    Answer,
     CallHeader,
     Heartbeat,
     RobotEvent,
-    RobotTime,
     decode_call,
     encode_event,
-    encode_reply,
-    sequence_at,
 )
 from eal_actors.wire.format.packing import Buffer
-from eal_actors.wire.format.readings import encode_value
+from eal_actors.wire.format.parts import sequence_at
 from eal_actors.wire.rpc.server.admission import Admission
 from eal_actors.wire.rpc.server.call_arguments import check_arguments, is_stop, start_call
 from eal_actors.wire.rpc.server.controller_memories import ControllerMemories
 from eal_actors.wire.rpc.server.outbox import Outbox, ReplyBatch
+from eal_actors.wire.rpc.server.replies import Replies
 from eal_actors.wire.rpc.server.request_handler import RequestHandler
 from eal_actors.wire.rpc.server.request_queue import RequestQueue
 from eal_actors.wire.rpc.server.running_commands import ReplyTo, RunningCommands, ServedCommand
-from eal_actors.wire.shared_memory import LEAST_BYTES, SharedValue
 from eal_actors.wire.streams.publisher import StreamPublisher
 
 if TYPE_CHECKING:
@@ -115,6 +110,8 @@ class RobotServer:
         )
         self._running = RunningCommands()
         self._memories = ControllerMemories(robot.name, is_enabled=network.shared_memory)
+        self._replies = Replies(robot, self._era, outbox, self._memories)
+        self._answer, self._outcome = self._replies.answer, self._replies.outcome
         self._publisher = StreamPublisher(fleet, robot, session, self._era, self._memories.put)
         self._handler = RequestHandler(
             robot,
@@ -286,7 +283,7 @@ class RobotServer:
             check_arguments(method, header.arguments, data)
         is_brief = method == "get_value" and handle.reads_now  # perhaps in this thread, which must not wait for a link
         send = self._outbox.publish_briefly if is_brief else self._outbox.publish_from_here
-        answer = partial(self._answer_reading, reply_to, header.client, send)
+        answer = partial(self._replies.answer_reading, reply_to, header.client, send)
         handle.start_reading(method, header.arguments, header.deadline_s * self._second, answer)
 
     def _serve(
@@ -365,58 +362,6 @@ class RobotServer:
             self._requests.add(call, header, lambda: self._answer(reply_to, self._handler.answer(method, header)))
 
     # Replies and events. Thread: any.
-
-    def _outcome(self, done: Future[Any]) -> Answer:
-        """Return the result of a finished call, with its stamp in real time."""
-        value, error = done.outcome
-        if error is not None:
-            return error if isinstance(error, EALError) else ResourceFaultError(error_text(error))
-        if type(value) is EALData and (stamp_s := value.stamp_s) is not None:
-            return value.with_meta(stamp_s=self._clock.to_real(stamp_s))
-        return 1 if value is None else value
-
-    def _answer(
-        self,
-        reply_to: ReplyTo,
-        answer: Answer,
-        *,
-        began_s: float | None = None,
-        send: Callable[..., None] | None = None,
-        shared: SharedValue | None = None,
-    ) -> None:
-        """Reply to a call; a value in shared memory is not sent."""
-        time = tuple.__new__(RobotTime, (self._era, REAL_TIME.now(), began_s))
-        if self._outbox.is_full and isinstance(answer, EALData) and shared is None:
-            answer = BusyError("too many values wait for the network; read them less often", robot=self._robot.name)
-        try:
-            envelope, payload = encode_reply((reply_to.sequence, answer, time), shared)
-        except EALError as error:  # too large, for example
-            envelope, payload = encode_reply((reply_to.sequence, error.at(self._robot.name), time))
-        self._send(reply_to, envelope, payload, send or self._outbox.publish)
-
-    def _send(self, reply_to: ReplyTo, envelope: bytes, payload: Payload, send: Callable[..., None]) -> None:
-        key, _, is_urgent, batch = reply_to
-        if batch is None or is_urgent or not batch.add(self._robot.name, envelope, payload):
-            send(key, envelope, payload, is_urgent=is_urgent)
-
-    def _answer_reading(
-        self, reply_to: ReplyTo, client: str, send: Callable[..., None], done: Future[Any], _: object
-    ) -> None:
-        """Reply to a call that changes nothing; its value may be handed over in shared memory."""
-        value = done.outcome[0]
-        if type(value) is EALData and value.length < LEAST_BYTES and not self._outbox.is_full:  # the usual case
-            stamp_s = None if value.stamp_s is None else self._clock.to_real(value.stamp_s)
-            try:
-                envelope = encode_value(reply_to.sequence, value, stamp_s, self._era, REAL_TIME.now())
-            except EALError as error:
-                self._answer(reply_to, error.at(self._robot.name))
-            else:
-                self._send(reply_to, envelope, value.payload, send)
-            return
-        answer, shared = self._outcome(done), None
-        if type(answer) is EALData and answer.length >= LEAST_BYTES:
-            shared = self._memories.put(client, answer.payload)
-        self._answer(reply_to, answer, send=send, shared=shared)
 
     def _publish(self, event: RobotEvent, *, is_vital: bool = True) -> None:
         self._outbox.publish(self._event_key, *encode_event(event), is_vital=is_vital)

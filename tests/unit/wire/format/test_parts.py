@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from eal_actors.kernel.errors import BusyError, ProtocolError
 from eal_actors.wire.format import parts
-from eal_actors.wire.format.messages import CallHeader, encode_call, sequence_at
+from eal_actors.wire.format.messages import CallHeader, encode_call
 from eal_actors.wire.format.packing import pack
 from tests.manual_clock import ManualClock
 
@@ -99,8 +99,8 @@ def test_calls_that_are_never_complete_are_forgotten() -> None:
 
 def test_a_refused_call_is_answered_by_its_number() -> None:
     header = CallHeader("0" * 32, 70_000, 123_456, 60.0, 60.0, None, ("x" * 100,), "", 0.0, 0.0)
-    assert sequence_at(encode_call(header)[0]) == 123_456
-    assert [sequence_at(first) for first in (b"", b"\x92", bytes(100), b"\xc1" * 100)] == [0] * 4
+    assert parts.sequence_at(encode_call(header)[0]) == 123_456
+    assert [parts.sequence_at(first) for first in (b"", b"\x92", bytes(100), b"\xc1" * 100)] == [0] * 4
 
 
 def test_tiny_calls_that_never_end_are_few() -> None:
