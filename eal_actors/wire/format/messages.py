@@ -217,17 +217,19 @@ def decode_call(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> tuple[CallHe
         if is_sound and math.isfinite(ttl_s + deadline_s):
             about = hexadecimal(client), epoch, sequence, ttl_s, deadline_s, None, (), *_NO_ECHO
             return tuple.__new__(CallHeader, about), None
-    if types not in _USUAL_CALLS:
-        row = _checked_call(row)
+    return _header_of(row if types in _USUAL_CALLS else _checked_call(row), payload)
+
+
+def _header_of(row: list[Any], payload: Buffer) -> tuple[CallHeader, EALData | None]:
+    """Return the header and the value of a call whose fields have the right types."""
     version, client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, about, *echo = row
     is_plain = math.isfinite(sum(echo[1:3], ttl_s + deadline_s))
-    is_sound = version == PROTOCOL_VERSION and epoch >= 0 and sequence >= 0 and len(client) == CLIENT_BYTES
-    if not (is_sound and is_plain) or (echo and len(echo[0]) > MAX_WORD):
+    if version != PROTOCOL_VERSION or epoch < 0 or sequence < 0 or not is_plain or (echo and len(echo[0]) > MAX_WORD):
         _checked_call(row)
     for item in arguments:
         if type(item) is not str and type(item) is not int:
             raise ProtocolError(f"call: arguments {short_repr(arguments)} are not a list of texts and ints")
-    about_call = hexadecimal(client), epoch, sequence, ttl_s, deadline_s, start_s, tuple(arguments), *echo
+    about_call = checked_client(client, "call"), epoch, sequence, ttl_s, deadline_s, start_s, tuple(arguments), *echo
     header = tuple.__new__(CallHeader, about_call + _NO_ECHO[len(echo) :])  # CallHeader() takes several times as long
     return header, None if about is None and not payload else optional_data_from(about, payload, "call")
 

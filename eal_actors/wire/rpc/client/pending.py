@@ -8,13 +8,10 @@ thread that takes it out of the dictionary ends it.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple, Protocol
 
 from eal_actors.actors.call import Call
 from eal_actors.wire.format.messages import Answer, CallId, RobotTime
-
-if TYPE_CHECKING:
-    from eal_actors.wire.rpc.client.call_queue import CallQueue
 
 
 class PendingCall(Protocol):
@@ -76,7 +73,7 @@ class PendingCalls:
 class SentCall(NamedTuple):
     """Call of a resource's method that was sent; commands have an identifier. A PendingCall."""
 
-    queue: CallQueue
+    queue: Any  # the CallQueue, which imports this module
     call: Call[Any]
     call_id: CallId | None
     end_s: float
