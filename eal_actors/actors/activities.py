@@ -10,11 +10,10 @@ from __future__ import annotations
 import contextlib
 import math
 import numbers
-import types
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 from eal_actors.actors.actor import AbandonedThread, EALActor, Inbox
 from eal_actors.actors.call import MOTION_METHODS, Call, ResourceCell
@@ -29,18 +28,6 @@ from eal_actors.kernel.errors import (
     ReturnTypeError,
     error_text,
 )
-
-
-class PendingResult(NamedTuple):
-    """A result that an activity will return, and the function that makes the answer of it."""
-
-    activity: Activity
-    convert: Callable[[Any], Any]
-
-
-def converted(result: Any, convert: Callable[[Any], Any]) -> Any:
-    """Make the answer of a result; an activity gives its result later."""
-    return PendingResult(result, convert) if type(result) is types.GeneratorType else convert(result)
 
 
 class ScheduledCommand:
@@ -309,6 +296,13 @@ class ActivityActor(EALActor):
             run.timer.cancel()
         if not self.guarded(lambda: run.activity.close()) and self.resource is not None:
             self.guarded(self.resource.halt)  # its own `finally` did not do it
+
+
+def status_of(result: Any) -> int:
+    """Return a status int, where None counts as 1, the thesis's success; or raise ReturnTypeError."""
+    if not isinstance(result, int | None):
+        raise ReturnTypeError(f"returned {result!r} where a status int is wanted")
+    return 1 if result is None else int(result)
 
 
 def seconds_of(delay_s: object) -> float:

@@ -9,11 +9,11 @@ import types
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from typing_extensions import override
 
-from eal_actors.actors.activities import PendingResult, ScheduledCommand, converted
+from eal_actors.actors.activities import ScheduledCommand, status_of
 from eal_actors.actors.actor import AbandonedThread
 from eal_actors.actors.call import MOTION_METHODS, Call, ResourceCell
 from eal_actors.actors.readiness import ReadinessActor
@@ -21,7 +21,7 @@ from eal_actors.actors.robot_view import RunningCommand, command_of, process_nam
 from eal_actors.device.data import DataType, EALData
 from eal_actors.device.info import ResourceInfo, ValueInfo
 from eal_actors.device.plugin_context import ResourceFactory
-from eal_actors.device.resource import Resource
+from eal_actors.device.resource import Activity, Resource
 from eal_actors.kernel import log
 from eal_actors.kernel.errors import (
     DeadlineError,
@@ -37,11 +37,16 @@ _ENDS: Final = "the resource is being stopped"
 _FLOATS: Final = (DataType.FLOAT, DataType.DOUBLE)
 
 
-def status_of(result: Any) -> int:
-    """Return a status int, where None counts as 1, the thesis's success; or raise ReturnTypeError."""
-    if not isinstance(result, int | None):
-        raise ReturnTypeError(f"returned {result!r} where a status int is wanted")
-    return 1 if result is None else int(result)
+class PendingResult(NamedTuple):
+    """A result that an activity will return, and the function that makes the answer of it."""
+
+    activity: Activity
+    convert: Callable[[Any], Any]
+
+
+def converted(result: Any, convert: Callable[[Any], Any]) -> Any:
+    """Make the answer of a result; an activity gives its result later."""
+    return PendingResult(result, convert) if type(result) is types.GeneratorType else convert(result)
 
 
 def data_of(result: Any, value: ValueInfo | None = None) -> EALData:
