@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import zenoh
 from structlog.testing import capture_logs
 
 from eal_actors.facade.service import RobotService
@@ -22,7 +23,7 @@ from eal_actors.kernel.errors import EALError, ResourceBusyError, StaleCommandEr
 from eal_actors.wire import session
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.batches import encode_batch
-from eal_actors.wire.format.messages import ACCEPTED, CallHeader, encode_call
+from eal_actors.wire.format.messages import ACCEPTED, CallHeader, decode_event, encode_call
 from tests.net.links import eventually
 from tests.net.rig import Rig
 from tests.security.forging import Forger, RawClient, Target, make_keys, raw_client, secure_rig
@@ -262,6 +263,30 @@ def test_streams_of_one_certificate_do_not_use_up_those_of_another(held: Scene) 
     ]
     assert {answer.code for answer in refused} == {"busy"}
     assert held.holder.call("Gauge", keys.STREAM, "raw", "0.5", 5000) == 1
+
+
+def test_a_stream_has_few_readers_of_one_certificate(held: Scene) -> None:
+    display = held.others["display"]
+    answers = [
+        RawClient(display.session, display.name).call("Gauge", keys.STREAM, "raw", "5", 5000) for _ in range(70)
+    ]
+    refused = [answer for answer in answers if isinstance(answer, EALError)]
+    assert [answer.code for answer in refused] == 6 * ["busy"]
+    assert held.holder.call("Gauge", keys.STREAM, "raw", "5", 5000) == 1
+
+
+def test_an_outcome_that_is_asked_for_often_in_one_call_is_published_once(held: Scene) -> None:
+    holder = held.holder  # its command has ended
+    ended = holder.epoch, holder.sequence
+    events: list[bytes] = []
+    session = holder.session
+    handler = zenoh.handlers.Callback(lambda sample: events.append(sample.attachment.to_bytes()), indirect=False)
+    listener = session.declare_subscriber(keys.event_key("f", "r1"), handler)
+    assert holder.call(keys.ROBOT, keys.REATTACH, *(500 * ended)) == {"running": [], "unknown": []}
+    holder.ping()
+    listener.undeclare()
+    results = [event for event in map(decode_event, events) if event.kind == "result"]
+    assert len(results) == 1
 
 
 def test_malformed_messages_fill_no_log(held: Scene) -> None:

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 _MAX_STREAMS: Final = 64
 """Limit of one certificate's streams of a robot; each is a resource, a rate and an encoding."""
+_MAX_READERS: Final = 64
+"""Limit of one certificate's readers of a stream."""
 
 _TICK_S: Final = 0.5
 _JOIN_S: Final = 1.0
@@ -77,18 +79,21 @@ class StreamPublisher(EALActor):
         key = keys.stream_key(self._fleet, self._robot.name, handle.name, spec.encoding, rate_text(spec))
         if lease_s:
             require_codec(spec.encoding)
-            if key not in self._streams and self._count(header.client) >= _MAX_STREAMS:
-                raise BusyError(f"the robot publishes {_MAX_STREAMS} streams for this certificate already")
+            self._check_room(key, header.client)
         with self._starting:
             if self.thread is None:
                 self.launch()
         self._run_soon(lambda: self._renew(key, handle, spec, header.client, lease_s))
 
-    def _count(self, client: str) -> int:
-        """Return the number of streams that controllers with the certificate of a client read."""
+    def _check_room(self, key: str, client: str) -> None:
+        """Raise BusyError if the certificate of a client reads too many streams, or the stream too often."""
         owner = keys.certificate_id(client)
-        readers = [list(stream.leases) for stream in list(self._streams.values())]
-        return sum(any(keys.certificate_id(reader) == owner for reader in stream) for stream in readers)
+        streams = dict(self._streams)
+        if (stream := streams.get(key)) is None:
+            if sum(stream.count(owner) > 0 for stream in streams.values()) >= _MAX_STREAMS:
+                raise BusyError(f"the robot publishes {_MAX_STREAMS} streams for this certificate already")
+        elif client not in stream.leases and stream.count(owner) >= _MAX_READERS:
+            raise BusyError(f"the stream has {_MAX_READERS} readers with this certificate already")
 
     def leave(self, client: str) -> None:
         """End all leases of a controller. Thread: any."""
@@ -207,6 +212,10 @@ class _PublishedStream:
         self._lock = threading.Lock()
         self._item: Item | None = None
         self.feed = handle.open_feed(spec, self.offer)
+
+    def count(self, owner: str) -> int:
+        """Return the number of its readers with a certificate. Thread: any."""
+        return sum(keys.certificate_id(reader) == owner for reader in list(self.leases))
 
     def offer(self, item: Item) -> None:
         """Replace the newest value; see Sink."""

@@ -101,7 +101,8 @@ class RequestHandler:
         """Classify commands as running or unknown, and publish the outcomes of ended ones again."""
         numbers = [int(number) for number in header.arguments]
         running, unknown = [], []
-        for epoch, sequence in zip(numbers[::2], numbers[1::2], strict=False):
+        # Each once: publishing an outcome costs everybody.
+        for epoch, sequence in dict.fromkeys(zip(numbers[::2], numbers[1::2], strict=False)):
             call_id = CallId(header.client, epoch, sequence)
             record = self._admission.recall(call_id)
             if record is None:
