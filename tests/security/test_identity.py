@@ -267,9 +267,7 @@ def test_streams_of_one_certificate_do_not_use_up_those_of_another(held: Scene) 
 
 def test_a_stream_has_few_readers_of_one_certificate(held: Scene) -> None:
     display = held.others["display"]
-    answers = [
-        RawClient(display.session, display.name).call("Gauge", keys.STREAM, "raw", "5", 5000) for _ in range(70)
-    ]
+    answers = [RawClient(display.session, display.name).call("Gauge", keys.STREAM, "raw", "5", 5000) for _ in range(70)]
     refused = [answer for answer in answers if isinstance(answer, EALError)]
     assert [answer.code for answer in refused] == 6 * ["busy"]
     assert held.holder.call("Gauge", keys.STREAM, "raw", "5", 5000) == 1
