@@ -137,7 +137,7 @@ test-evbotos: $(STAMP)  ## build images, boot them in QEMU and test them, with u
 	$(BIN)/python -m pytest tests/evbotos -m evbotos -rA --timeout=3600
 
 test-fleet-update: $(STAMP)  ## update ten robots over TLS, with a power cut and a failure, each robot in processes of its own
-	EVBOTOS_ROBOTS=10 $(PYTEST) -n 0 --timeout=3600 tests/evbotos/test_update_of_ten.py
+	EVBOTOS_ROBOTS=10 $(PYTEST) -n 0 -m slow tests/evbotos/test_update_of_ten.py
 
 test-bitbake: $(STAMP)  ## plan the OpenEmbedded images with real BitBake from a folder of git mirrors: MIRRORS=/srv/git
 	@$(BIN)/python -m tests.evbotos.bitbake $(MIRRORS)

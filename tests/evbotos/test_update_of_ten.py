@@ -29,7 +29,7 @@ steps:
   - {on: drivers, do: [{send_cmd: {resource: Base, cmd: r10}}]}
 """
 
-pytestmark = [pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
 
 def words_of(folder: Path, *more: str) -> list[str]:
@@ -94,6 +94,6 @@ def test_a_system_that_does_not_come_up_stops_the_fleet(tmp_path: Path) -> None:
     (tmp_path / "u.tar").write_bytes(bundle(root=BROKEN + NEW))
     with machines_of(tmp_path, ["ada", "bob"], {}, OLD) as fleet:
         said = update(tmp_path)
-        assert "came back with 7.0.0.1700000000: the new system did not come up" in said
+        assert "came back with 7.0.0.1700000000: the new system did not come up" in said, said
         assert "1 failed (ada); 1 not begun (bob)" in said
         assert all(runs(machine, OLD) for machine in fleet.values())
