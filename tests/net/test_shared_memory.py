@@ -109,6 +109,7 @@ def kill_robots(rig: Rig, kills: int) -> None:
             running["r1"].kill()
             error = reading.exception(timeout=2 * WAIT_S)
             assert error is None or isinstance(error, UnavailableError)
+            del reading  # its value may be in use otherwise, and keeps the memory
             assert len(memories(os.getpid()) - before) <= 2
             running.start("r1")
             assert becomes(fleet["r1"], RobotState.READY)
