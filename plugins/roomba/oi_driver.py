@@ -19,6 +19,7 @@ from .link import RoombaLink
 from .listening import LOOK_S
 from .motion import MAX_SPEED_MM_S, slowed
 from .oi import COUNTS, METRES_A_COUNT, MODES, STREAM_PERIOD_S
+from .predicted_wheels import NOTHING, Travel
 from .reading import WheelCommand
 from .sci import NO_OP_CODE, Mode, Op
 
@@ -74,6 +75,7 @@ class OiDriver(RoombaDriver):
         self._unusual: Mapping[int, int] | None = None
         self._echo = CommandEcho()
         self._interruption: str | None = None
+        self._doubt = NOTHING
         self._retaken_s = -math.inf
 
     @override
@@ -91,6 +93,11 @@ class OiDriver(RoombaDriver):
     @override
     def interruption(self) -> str | None:
         return self._interruption
+
+    @property
+    @override
+    def travel_doubt(self) -> Travel:
+        return self._doubt
 
     @property
     @override
@@ -195,6 +202,8 @@ class OiDriver(RoombaDriver):
             self._log.warning("the encoders were reset; the travel in between is unknown")
             if any(self._commanded_m_s):
                 self._interruption = "the Roomba has reset its encoders, and its travel meanwhile is unknown"
+            most_m = _most_m(now_s - self._latest_s)
+            self._doubt = self._doubt.plus(Travel(most_m, most_m))
             return 0.0, 0.0
         return left_m, right_m
 

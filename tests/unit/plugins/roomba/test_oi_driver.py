@@ -197,6 +197,18 @@ def test_another_robot_at_the_same_port_moves_nobody() -> None:
     assert rig.roomba.latest().left_m == pytest.approx(0.2, abs=0.003)
 
 
+def test_a_motion_whose_travel_is_unknown_after_its_stop_fails() -> None:
+    rig = OiRig()
+    drive = rig.begin("f0.1", 0.2)
+    rig.take_sent()
+    while STOP not in rig.port.sent:
+        rig.wait(next(drive))
+    rig.body.left.travel_m += 20.0  # its encoders are reset while it comes to rest
+    with pytest.raises(ResourceFaultError, match="may be wrong by"):
+        rig.run(drive)
+    rig.do("b0.1")
+
+
 def test_a_battery_that_runs_out_ends_the_motion() -> None:
     rig = OiRig()
     drive = rig.begin("f5", 1.0)
