@@ -41,7 +41,12 @@ def test_absurd_odometry_is_ignored(peer: Ros2Peer, tmp_path: Path, pose: tuple[
     with SdkRobot(peer, "/odd") as robot, ros2_fleet(tmp_path, peer, one={"namespace": "/odd", **DRIVE}) as fleet:
         until_ready(fleet, "one", "Base")
         robot.is_silent = True
-        wait_for(lambda: robot.publish(*pose) or words in why(fleet, "one", "Odometry"), words)  # type: ignore[func-returns-value]
+
+        def is_named() -> bool:
+            robot.publish(*pose)
+            return words in why(fleet, "one", "Odometry")
+
+        wait_for(is_named, words)
         why(fleet, "one", "Base")  # follows a moment later
         robot.is_silent = False
         until_ready(fleet, "one", "Base")
