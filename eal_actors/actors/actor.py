@@ -165,7 +165,7 @@ class Inbox:
                 self._wake_reader()
         return timer
 
-    def call_soon(self, action: Callable[[], None]) -> None:
+    def call_soon(self, action: Callable[[], object]) -> None:
         """Run the action in the reading thread before everything that waits; a full lane does not refuse it.
 
         Raises:

@@ -278,11 +278,14 @@ def test_an_outcome_that_is_asked_for_often_in_one_call_is_published_once(held: 
     ended = holder.epoch, holder.sequence
     events: list[bytes] = []
     session = holder.session
-    handler = zenoh.handlers.Callback(lambda sample: events.append(sample.attachment.to_bytes()), indirect=False)
-    listener = session.declare_subscriber(keys.event_key("f", "r1"), handler)
+
+    def hear(event: zenoh.Sample) -> None:
+        assert event.attachment is not None
+        events.append(event.attachment.to_bytes())
+
+    session.declare_subscriber(keys.event_key("f", "r1"), zenoh.handlers.Callback(hear, indirect=False))
     assert holder.call(keys.ROBOT, keys.REATTACH, *(500 * ended)) == {"running": [], "unknown": []}
     holder.ping()
-    listener.undeclare()
     results = [event for event in map(decode_event, events) if event.kind == "result"]
     assert len(results) == 1
 
