@@ -295,10 +295,10 @@ class Timer:
 
     __slots__ = ("action", "order", "time_s")
 
-    def __init__(self, time_s: float, order: int, action: Callable[[], None]) -> None:
+    def __init__(self, time_s: float, order: int, action: Callable[[], object]) -> None:
         self.time_s = time_s
         self.order = order
-        self.action: Callable[[], None] | None = action
+        self.action: Callable[[], object] | None = action
 
     def cancel(self) -> None:
         """Cancel it; harmless when it has run. Thread: any, because it is one assignment."""
