@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import random
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -94,6 +95,7 @@ def controller(rig: Rig, folder: Path, *, kill_after: int, is_resumed: bool) -> 
             if number == kill_after:
                 process.kill()
             yield line.strip()
+    assert process.returncode in (0, 3, -signal.SIGKILL), "a controller ended by an error of its own; see its traceback"
 
 
 def judge(rig: Rig, tally: Tally, *, is_done: bool) -> None:
