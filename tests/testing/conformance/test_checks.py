@@ -76,7 +76,15 @@ MISTAKES = {
         "from eal_actors.plugin import EALData\n        return EALData.of(self._position_m, unit='cm')",
         "answer is in cm, declared is m",
     ),
-    "a setter that adds": ("keeps configuration", "float(speed_m_s)", "float(speed_m_s) + 0.1", "set to this value"),
+    "a setter that adds": (
+        "keeps configuration",
+        INIT,
+        (
+            "    def set_config(self, key, data=None):\n        super().set_config(key, data)\n"
+            f"        self.speed_m_s += 0.1\n        return 1\n\n{INIT}"
+        ),
+        "set to this value",
+    ),
     "a config that takes any key": (
         "refuses unknown names",
         INIT,
