@@ -215,6 +215,7 @@ def test_large_values_that_wait_are_bounded(tmp_path: Path) -> None:
 
 def send_keys(rig: Rig, sent: int) -> int:
     """Declare keys, which access control does not look at; return how many until the robot ends the link."""
+    number = 0
     with contextlib.suppress(OSError), Wire(rig, "display") as wire:
         for number in range(sent):
             key = f"a{number}/".encode() + b"y" * KEY_BYTES
