@@ -107,7 +107,7 @@ def test_two_runs_of_one_seed_leave_the_same_messages(tmp_path: Path) -> None:
 
 
 def test_other_readers_see_the_date_of_the_run(run: Path) -> None:
-    """Times of log entries, messages and transforms, by the library's own reader; a run at `rate: max` ends ahead of time."""
+    """Times of logs, messages and transforms, by the library's own reader; at `rate: max` they run ahead."""
     with (run / "run.mcap").open("rb") as stream:
         entries = [
             (message.log_time / 1e9, json.loads(message.data)) for _, _, message in make_reader(stream).iter_messages()
