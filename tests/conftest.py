@@ -38,6 +38,7 @@ LONG: Final = (
 """Folders with slow files, the slowest first, so that no worker ends with a slow file of its own."""
 
 
+@pytest.hookimpl(optionalhook=True)  # with `-p no:xdist` nobody calls it
 def pytest_xdist_auto_num_workers() -> int:
     """Return one more than there are processors: tests often wait, but real-time ones stall beside too many others."""
     return len(os.sched_getaffinity(0)) + 1
