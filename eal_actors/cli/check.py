@@ -110,7 +110,10 @@ def _check_against_fleet(results: list[FileCheck]) -> list[FileCheck]:
 
 def _print_results(results: list[FileCheck], problems: list[Problem]) -> None:
     out, err = stdout(), stderr()
-    for warning in dict.fromkeys(warning for result in results for warning in result.warnings):
+    warnings = dict.fromkeys(warning for result in results for warning in result.warnings)
+    for warning in warnings:
+        if any(warning != longer and warning in longer for longer in warnings):
+            continue  # the longer one says it too
         print_line(err, Text.assemble(("warning: ", "yellow"), warning))
     for result in results:
         if not result.problems:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.errors import ConfigError, EALError, Problem
+from eal_actors.kernel.errors import ConfigError, EALError, PluginError, Problem
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.twins import SimulatedFleet, simulated
@@ -60,6 +60,8 @@ def _check(scenario: Scenario, config: FleetConfig, pair: str) -> TogetherCheck:
     except ConfigError as error:
         reasons = "; ".join(problem.message for problem in error.problems)
         return TogetherCheck(tuple(unbound), (f"{pair}: the calls were not checked: {reasons}",))
+    except PluginError as error:
+        return TogetherCheck(tuple(unbound), (f"{pair}: the calls were not checked: {error.message}",))
     return _plan(scenario, twins, config, pair)
 
 

@@ -21,6 +21,7 @@ from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.errors import ConfigError, Problem, UnsupportedError
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.managers.missing_modules import require_modules
 from eal_actors.wire.security.certificates import DASHBOARD, certificate_file, folder_of, key_file, list_certificates
 
 if TYPE_CHECKING:
@@ -72,6 +73,7 @@ def show_dashboard(
     if config.operators and tls is None and not is_loopback(host):
         why = f"operators' tokens must not pass a network unencrypted: make a certificate with {_MAKE_CERTIFICATE}"
         raise ConfigError([Problem(f"{host}:{port}", 0, 0, "", why)])
+    require_modules(config, config.robots)
     with Fleet(config).connect() as opened:
         folders = {"scenarios": scenarios or _scenarios(), "runs_dir": runs_dir, "keys": folder_of(config)}
         page = Dashboard(opened, access, port=port, tls=tls, **folders)

@@ -11,6 +11,7 @@ import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Final
@@ -21,6 +22,7 @@ from eal_actors.cli.fleets import read_fleet
 from eal_actors.cli.output import print_line, stderr
 from eal_actors.kernel.errors import UnavailableError
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.managers.missing_modules import require_modules
 from eal_actors.managers.network_model import IDENTITY_VARIABLE
 
 _STOP_S: Final = 5.0  # real seconds after which a server that has not ended is killed
@@ -40,6 +42,8 @@ def demo_network(
     """
     os.environ[IDENTITY_VARIABLE] = secrets.token_hex(4)  # no robots of another fleet, which may run here as well
     config = read_fleet(fleet)
+    local = replace(config, robots={name: replace(robot, address=None) for name, robot in config.robots.items()})
+    require_modules(local, local.robots)
     served = [name for name, robot in config.robots.items() if robot.address is not None]
     with _on_free_ports(config) as file, _serving(file, served):
         fleet = file

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -70,22 +70,6 @@ def check_plugins(config: FleetConfig) -> tuple[set[Problem], list[str]]:
                 else:
                     problems.add(settings.problem((), error.message))
     return problems, list(dict.fromkeys(warnings))
-
-
-def require_modules(config: FleetConfig, robots: Iterable[str]) -> None:
-    """Raise one PluginError for all robots if none of them can start here, because modules are not installed."""
-    manifests = EALPluginManager(config.plugin_dirs).manifests
-    missing: dict[str, None] = {}
-    for robot in (config.robots[name] for name in robots):
-        used = [manifests.get(settings.plugin) for settings in robot.plugins.values()]
-        reasons = [manifest.lacks() for manifest in used if manifest is not None]
-        if robot.address is not None or not reasons or not all(reasons):
-            return
-        missing |= dict.fromkeys(reasons)
-    if missing:
-        error = PluginError("; ".join(missing))
-        error.add_note("Install what is missing, then try again.")
-        raise error
 
 
 @contextmanager

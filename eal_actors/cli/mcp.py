@@ -21,6 +21,7 @@ from eal_actors.cli.options import FleetOption, JsonOption
 from eal_actors.cli.output import new_table, print_line, stderr, stdout, write_json
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ScenarioError, UnsupportedError
+from eal_actors.managers.missing_modules import require_modules
 from eal_actors.operate.audit import AuditLog
 
 if TYPE_CHECKING:
@@ -64,6 +65,7 @@ def serve_agents(
     handle_signals()
     rules = load_policy(policy) if policy is not None else None
     config = in_real_time(read_fleet(fleet))
+    require_modules(config, config.robots)
     console = stderr()  # stdout is the protocol's
     with ExitStack() as stack:
         audit = stack.enter_context(_audit_log(runs_dir))

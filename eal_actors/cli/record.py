@@ -7,13 +7,14 @@ from typing import Annotated
 
 import typer
 
-from eal_actors.cli.fleets import in_real_time, read_fleet, require_modules
+from eal_actors.cli.fleets import in_real_time, read_fleet
 from eal_actors.cli.interrupts import handle_signals
 from eal_actors.cli.options import FleetOption, completed_robots
 from eal_actors.cli.output import counted, print_line, stdout
 from eal_actors.cli.run_options import RunsDirOption
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import new_waiter
+from eal_actors.managers.missing_modules import require_modules
 from eal_actors.recording import Extent, LiveRecord, RunFolder, draw_run, new_run_folder
 
 

@@ -18,6 +18,7 @@ from eal_actors.cli.output import counted, new_table, stdout, write_json
 from eal_actors.device.info import METHODS, CommandInfo, ResourceInfo
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import EALError
+from eal_actors.managers.missing_modules import require_modules
 
 _NAMES_SHOWN = 4
 
@@ -33,7 +34,9 @@ def list_resources(
 
     Robots with the same resources are listed together. The exit code is 3 if a robot could not be reached.
     """
-    with Fleet(read_fleet(fleet, robot or ())) as opened:
+    config = read_fleet(fleet, robot or ())
+    require_modules(config, config.robots)
+    with Fleet(config) as opened:
         robots = [_robot_as_json(handle) for handle in opened.values()]
     if as_json:
         write_json({"fleet": opened.name, "robots": robots})

@@ -14,7 +14,7 @@ import typer
 from rich.console import Console
 
 from eal_actors.cli.exit_codes import ExitCode
-from eal_actors.cli.fleets import plugin_advice, require_modules
+from eal_actors.cli.fleets import plugin_advice
 from eal_actors.cli.interrupts import RunInterrupts
 from eal_actors.cli.live_view import FoxgloveControlOption, FoxgloveOption, foxglove_at
 from eal_actors.cli.options import (
@@ -53,6 +53,7 @@ from eal_actors.cli.telemetry import MetricsPortOption, TraceOption, metrics_at,
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ConfigError, PluginError
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.managers.missing_modules import require_modules
 from eal_actors.recording import (
     Extent,
     RunFolder,

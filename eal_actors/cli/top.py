@@ -15,6 +15,7 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import UnsupportedError
 from eal_actors.kernel.lock_step import MAX
 from eal_actors.kernel.log import configure_logging
+from eal_actors.managers.missing_modules import require_modules
 from eal_actors.operate.metrics.call_observer import observe_calls
 
 
@@ -42,6 +43,7 @@ def show_top(
     config = read_fleet(fleet, robots or ())
     if config.rate == MAX:
         config = read_fleet(fleet, robots or (), rate=1.0)  # people cannot follow rate max
+    require_modules(config, config.robots)
     options = context.find_object(GlobalOptions) or GlobalOptions()
     calls, lines = RecentCalls(), LogBuffer()
     with Fleet(config).connect() as opened:

@@ -14,6 +14,7 @@ from eal_actors.kernel.lock_step import MAX
 from eal_actors.kernel.yaml_tree import MarkedDict, YamlTree, texts_in
 from eal_actors.managers.fleet_model import FleetConfig, PluginSettings, RobotConfig
 from eal_actors.managers.manifest import PluginManifest, TwinSection, discover
+from eal_actors.managers.missing_modules import require_modules
 
 _CANNOT: Final = "cannot be simulated"
 
@@ -48,6 +49,7 @@ def simulated(config: FleetConfig, needed: Iterable[str], keep: Collection[str] 
 
     Raises:
         ConfigError: a needed robot cannot be simulated.
+        PluginError: modules are not installed, so that no robot can be.
     """
     builder = _TwinBuilder(config, frozenset(keep))
     required = frozenset(needed)
@@ -64,6 +66,7 @@ def simulated(config: FleetConfig, needed: Iterable[str], keep: Collection[str] 
     if problems:
         raise ConfigError(problems)
     fleet = replace(config, robots=robots, rate=MAX)
+    require_modules(fleet, robots)
     return SimulatedFleet(fleet, builder.replaced, builder.left_out, builder.bodies)
 
 

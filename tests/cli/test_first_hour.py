@@ -195,10 +195,23 @@ def without(modules: tuple[str, ...], call: str, *arguments: str) -> subprocess.
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
 
 
-def test_a_missing_module_is_named_once_for_all_robots() -> None:
-    done = without(("pymunk",), "eal_actors.cli.app", "run", "dance", "--fleet", "sim")
-    assert done.returncode == 3
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        (["run", "dance", "--fleet", "sim"], 3),
+        (["resources", "--fleet", "sim"], 3),
+        (["check", "dance", "sim"], 0),
+        (["rehearse", "dance", "--fleet", "sim"], 3),
+        (["dashboard", "--fleet", "sim", "--port", "0"], 3),
+        (["demo-network"], 3),
+    ],
+    ids=lambda value: value[0] if isinstance(value, list) else None,
+)
+def test_a_missing_module_is_named_once_for_all_robots(arguments: list[str], code: int) -> None:
+    done = without(("pymunk",), "eal_actors.cli.app", *arguments)
+    assert done.returncode == code
     assert (done.stdout + done.stderr).count("pip install 'eal-actors[sim]'") == 1
+    assert "[error" not in done.stdout + done.stderr
 
 
 def test_the_lab_without_opencv_says_what_to_install() -> None:
