@@ -1,4 +1,4 @@
-"""What is not installed for a fleet, reported once and before anything starts."""
+"""The check that what a fleet needs is installed: reported once, before anything starts."""
 
 from __future__ import annotations
 
