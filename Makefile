@@ -65,9 +65,9 @@ demo-aarch64: $(STAMP)  ## the dance on 64-bit ARM: Debian's Python under qemu-u
 		--platform manylinux_2_17_aarch64 --python-version 3.11 --implementation cp --only-binary=:all: ".[sim,record]"
 	qemu-aarch64-static -L build/aarch64 -E PYTHONPATH=build/aarch64/site build/aarch64/usr/bin/python3.11 -m eal_actors run dance --fleet sim --rate max --no-plot
 
-lab: $(STAMP)  ## the thesis's robots, each behind its own wire to an emulator, drive the square, dance and patrol
+lab: $(STAMP)  ## the thesis's robots, each behind its own wire to an emulator, drive the square, dance, patrol and take panoramas
 	$(BIN)/eal lab
-	$(BIN)/eal lab patrol --fleet lab-world
+	$(BIN)/eal lab patrol panorama --fleet lab-world
 
 test: $(STAMP)  ## run the tests; what it deselects, test-slow and test-evbotos run
 	$(PYTEST)

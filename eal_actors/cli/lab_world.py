@@ -36,14 +36,14 @@ def main(fleet: Path) -> None:
     devices = sorted((device for device in devices_of(config) if device.is_in_world), key=lambda device: device.robot)
     scheme, services = _scheme(config, devices), RobotStarter(config, REAL_TIME).services
     with ExitStack() as stack:
-        wires: dict[str, EmulatorWire] = {}
+        wires: list[tuple[str, EmulatorWire]] = []
         addresses: dict[str, str] = {}
         for device in devices:
             wire = _wire(device, services, scheme)
             stack.callback(wire.close)
             wire.plug_in()
             addresses |= device.addresses(wire.address)
-            wires[device.robot] = wire
+            wires.append((device.robot, wire))
         _print({"addresses": addresses, "poses": _poses(wires)})
         while os.read(sys.stdin.fileno(), 1):
             pass
@@ -73,10 +73,10 @@ def _scheme(config: FleetConfig, devices: list[LabDevice]) -> str:
     raise PluginError("no plugin simulates the world of these devices: none of their manifests has a `twin`")
 
 
-def _poses(wires: dict[str, EmulatorWire]) -> dict[str, LabPose]:
+def _poses(wires: list[tuple[str, EmulatorWire]]) -> dict[str, LabPose]:
     """Return the poses of the robots; other devices have none."""
     poses = {}
-    for robot, wire in wires.items():
+    for robot, wire in wires:
         if (pose := getattr(wire.emulator, "pose", None)) is not None:
             x_m, y_m, yaw_rad = pose
             poses[robot] = x_m, y_m, math.degrees(math.remainder(yaw_rad, math.tau))

@@ -2,7 +2,8 @@
 
     python -m plugins.camera.emulator --folder
 
-It prints the path for the plugin's `source`, with `loop: true`, and removes the folder on Ctrl-C or SIGTERM.
+It prints the path for the plugin's `source`, with `loop: true`, and removes the folder on Ctrl-C or SIGTERM. In a
+simulated world it is a network camera that shows what its robot sees.
 """
 
 from __future__ import annotations
@@ -17,6 +18,10 @@ from typing import Final
 
 import cv2
 import numpy as np
+
+from .streaming import emulate_in_world
+
+__all__ = ["PICTURES", "draw", "emulate_in_world"]
 
 PICTURES: Final = 10
 _HEIGHT: Final = 120

@@ -21,7 +21,6 @@ _ONLY_FOR: Final = {
     "exposure": (SourceKind.DEVICE,),
     "fourcc": (SourceKind.DEVICE,),
     "fps": (SourceKind.DEVICE, SourceKind.FOLDER),
-    "loop": (SourceKind.FILE, SourceKind.FOLDER),
     "frozen_after_s": (SourceKind.DEVICE, SourceKind.STREAM),
 }
 """The settings of only some kinds of source."""
@@ -45,7 +44,7 @@ class Settings(PluginSettingsModel):
     fourcc: str | None = Field(default=None, pattern=r"^[ -~]{4}$")
     """Encoding of the pictures on the cable, such as MJPG or YUYV."""
     loop: bool = False
-    """Restart a video file or folder at its end."""
+    """Restart a video file or folder at its end; other sources have none."""
     fov_deg: float | None = Field(default=None, ge=10, le=150)
     """Angle between the left and the right edge of the picture, for `intrinsics`."""
     offset_m: float = Field(default=0.0, ge=-1, le=1)

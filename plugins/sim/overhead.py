@@ -18,6 +18,7 @@ from eal_actors.plugin import FleetServices, PluginContext, PluginError
 
 from .arena import Pose2D
 from .models import Make, outline_m
+from .onboard import SimulatedRobotCamera, carried_camera
 from .robot import SimRobot
 from .world import SimWorld, world_of
 
@@ -188,22 +189,25 @@ def marker_height_m(make: Make) -> float:
     return outline_m(make.radius_m, make.height_m, make.camera_height_m)[-1][1] + PLATE_M
 
 
-def open_camera(context: PluginContext, url: str) -> SimulatedOverheadCamera:
-    """Return the camera of a URL `sim://world/<camera>`; the world file describes it under `cameras`.
+def open_camera(context: PluginContext, url: str) -> SimulatedOverheadCamera | SimulatedRobotCamera:
+    """Return the camera of a URL `sim://world/<camera>`: one of the world file's `cameras`, or a robot's own.
 
     Raises:
-        PluginError: the URL is invalid, the world has no such camera, or OpenCV is not installed.
+        PluginError: the URL is invalid, the world has no such camera or robot, or OpenCV is not installed.
     """
     parts = urlsplit(url)
     name = parts.path.strip("/")
     if parts.netloc != "world" or not name or "/" in name or parts.query or parts.fragment:
         raise PluginError(f"camera {url!r}: a simulated camera has the form sim://world/<camera>")
     world = world_of(context.services)
-    if name not in world.model.cameras:
-        known = ", ".join(world.model.cameras) or "none"
+    robot = world.robot_of(name)
+    if name not in world.model.cameras and robot is None:
+        known = ", ".join([*world.model.cameras, *(other.name for other in world.robots)]) or "none"
         raise PluginError(f"camera {url!r}: the world {world.model.name!r} has no camera {name!r}; it has: {known}")
     try:
         import cv2  # noqa: F401  # the renderer needs it
     except ImportError as error:
         raise PluginError(f"camera {url!r}: pictures need OpenCV ({error}): pip install 'eal-actors[vision]'") from None
+    if name not in world.model.cameras and robot is not None:
+        return carried_camera(context, world, robot)
     return SimulatedOverheadCamera(world, name, context.services)

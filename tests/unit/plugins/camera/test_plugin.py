@@ -56,7 +56,6 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"source": 0, "exposure": 17}, "less than or equal to 16"),
     ({"source": 0, "fourcc": "MJPEG"}, "fourcc"),
     ({"source": 0, "format": "bmp"}, "'raw', 'jpeg' or 'png'"),
-    ({"source": 0, "loop": True}, "loop is for a video file or a folder of images, but this source is a camera"),
     ({"source": "a.avi", "width": 640}, "width is for a camera, but this source is a video file"),
     ({"source": __file__, "fps": 30}, "fps is for a camera or a folder of images, but this source is a video file"),
     ({"source": "http://h/x", "exposure": 2}, "exposure is for a camera, but this source is a stream"),
