@@ -19,9 +19,10 @@ from eal_actors.cli.options import FleetOption, GlobalOptions
 from eal_actors.cli.output import print_line, stdout
 from eal_actors.cli.telemetry import MetricsPortOption, TraceOption, metrics_at, traces_to
 from eal_actors.facade.service import RobotService, serve_together
-from eal_actors.kernel.errors import EALError
+from eal_actors.kernel.errors import ConfigError, EALError, Problem
 from eal_actors.lab.fleet_edits import write_identity
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.managers.network_model import BEHIND_ROUTER, IDENTITY_VARIABLE, is_loopback
 
 
 def serve_robot(
@@ -30,23 +31,20 @@ def serve_robot(
     robot: Annotated[list[str], typer.Option("--robot", "-r", help="Name of a robot; repeatable.", show_default=False)],
     metrics_port: MetricsPortOption = None,
     trace: TraceOption = None,
-    new_identity: Annotated[
-        bool, typer.Option("--new-identity", help="Write an identity into the fleet file, if it has none.")
-    ] = False,
 ) -> None:
     """Run a robot in this process, and serve its resources at its address until Ctrl-C or SIGTERM.
 
     Controllers use the same fleet file. The robot halts when the command ends. SIGHUP reads the fleet file again.
     Several robots share the process, each at its own address: so all robots and trackers of one simulated world.
+
+    If other machines can reach the robot, and the fleet has neither an identity nor keys, an identity is written into
+    the fleet file. Robots and controllers with another one do not hear each other.
     """
     handle_signals()
     out, names = stdout(), list(dict.fromkeys(robot))
     if metrics_port is not None and len(names) > 1:
         raise typer.BadParameter("needs one robot for each process", param_hint="'--metrics-port'")
-    config = read_fleet(fleet, names)
-    if new_identity and config.network.identity is None:
-        write_identity(config)
-        config = read_fleet(fleet, names)
+    config = _with_identity(read_fleet(fleet, names), out)
     with traces_to(trace, f"eal serve {' '.join(names)}", out), _served(config, names) as services:
         service = services[0]
         options = context.find_object(GlobalOptions) or GlobalOptions()
@@ -64,16 +62,43 @@ def serve_robot(
             out.print("halting and leaving the network")
 
 
+def _with_identity(config: FleetConfig, out: Console) -> FleetConfig:
+    """Return the fleet with an identity, unless it has keys or only programs of this machine reach the robots.
+
+    Raises:
+        ConfigError: its file cannot be changed.
+    """
+    network = config.network
+    if network.identity is not None or network.security is not None or not _is_reachable(config):
+        return config
+    try:
+        write_identity(config)
+    except ConfigError as error:
+        text = f"other machines reach {' and '.join(config.robots)}: set `identity` here, or ${IDENTITY_VARIABLE}"
+        raise ConfigError([*error.problems, Problem(str(config.source), 0, 0, "network", text)]) from error
+    written = read_fleet(config.source, list(config.robots))
+    text = (
+        f"wrote identity {written.network.identity} into {config.source}: copy the file to the fleet's other machines"
+    )
+    print_line(out, text)
+    return written
+
+
+def _is_reachable(config: FleetConfig) -> bool:
+    """Return whether other machines reach a robot."""
+    network, robots = config.network, [robot for robot in config.robots.values() if robot.address is not None]
+    own = [robot.listen or robot.address or "" for robot in robots if robot.address != BEHIND_ROUTER]
+    relays = network.routers if len(own) < len(robots) else ()
+    return not all(map(is_loopback, (*own, *relays)))
+
+
 def _identity_line(config: FleetConfig) -> str:
-    """Return whose the robot is, and what to do if anybody with a fleet of this name may command it."""
+    """Return whose the robot is."""
     if config.network.identity is not None:
         return f"fleet {config.name}, identity {config.network.identity}"
     if config.network.security is not None:
         return f"fleet {config.name}"
-    return (
-        f"fleet {config.name}, no identity: it obeys every fleet of this name; `--new-identity` writes one into the "
-        "file, of which each controller needs a copy"
-    )
+    return f"fleet {config.name}, no identity: programs of this machine with a fleet of this name command it"
 
 
 @contextmanager

@@ -6,13 +6,19 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, TextIO
 
 from eal_actors.kernel.bundled import is_installed
+from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import ConfigError, Problem, unwritable_error
+from eal_actors.kernel.posix import lock
 from eal_actors.kernel.yaml_source import parse_yaml
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import new_identity
+
+_LOCKED_S: Final = 5.0
+"""Real seconds to wait for another process that changes the file."""
+_LOOK_S: Final = 0.05
 
 
 @contextmanager
@@ -111,13 +117,32 @@ def with_identity(text: str, name: str, identity: str) -> str:
 def write_identity(fleet: FleetConfig) -> None:
     """Write a new identity into the file of a fleet without one.
 
+    Several servers may start from one file at the same time: the first one writes, and the others find it.
+
     Raises:
         ConfigError: the file is part of the framework, its layout allows no automatic change, or it cannot be written.
     """
-    require_own(fleet, "use that")
-    text = with_identity(read_text(fleet.source) or "", str(fleet.source), new_identity())
-    with changed_files({fleet.source: text}):
-        pass
+    require_own(fleet, "add `network: {identity: NAME}`")
+    name = str(fleet.source)
+    try:
+        with fleet.source.open(encoding="utf-8") as file:
+            _lock(file)
+            text = fleet.source.read_text(encoding="utf-8")  # by its name: it may be another file than the locked one
+            if not (parse_yaml(text, name).root.get("network") or {}).get("identity"):
+                _replace_file(fleet.source, with_identity(text, name, new_identity()))
+    except OSError as error:
+        raise unwritable_error(fleet.source, error) from error
+
+
+def _lock(file: TextIO) -> None:
+    deadline_s = REAL_TIME.now() + _LOCKED_S
+    while True:
+        try:
+            return lock(file)
+        except BlockingIOError:
+            if REAL_TIME.now() > deadline_s:
+                raise
+            REAL_TIME.sleep(_LOOK_S)
 
 
 def _require_content(text: str, wanted: Mapping[str, Any], name: str, key: str, advice: str) -> None:
@@ -152,12 +177,15 @@ def _restore(file: Path, text: str | None) -> None:
 
 
 def _replace_file(file: Path, text: str) -> None:
-    """Replace a file atomically, keeping its permissions."""
+    """Replace a file atomically, keeping its owner and permissions."""
     trial = file.with_name(f".{file.name}.new")
     try:
         trial.write_text(text, encoding="utf-8")
         if file.exists():
-            trial.chmod(file.stat().st_mode & 0o777)
+            before = file.stat()
+            with suppress(PermissionError):
+                os.chown(trial, before.st_uid, before.st_gid)  # a server run by root leaves the file to its owner
+            trial.chmod(before.st_mode & 0o777)
         trial.replace(os.path.realpath(file))
     except OSError as error:
         with suppress(OSError):

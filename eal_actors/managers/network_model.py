@@ -64,6 +64,15 @@ def parse_endpoint(text: str) -> Endpoint:
     return Endpoint(protocol, _host(host, text), int(port))
 
 
+def is_loopback(text: str) -> bool:
+    """Return whether only programs of the same machine reach an endpoint."""
+    host = parse_endpoint(text).host
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
 def _explain_place(place: str) -> str:
     if place.count(":") > 1 and not place.endswith("]"):
         return "has an IPv6 address without brackets; write it as tcp/[fe80::1]:50000"

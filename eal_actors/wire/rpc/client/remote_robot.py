@@ -107,7 +107,7 @@ class RemoteRobot(EALActor):
     def _stop_waiting(self) -> None:
         if self.view.state is RobotState.STARTING:
             others = self._controller.foreign.describe()
-            what = f"; robots of another fleet do: {others}" if others else ""
+            what = f"; robots of another fleet do, which only its own file commands: {others}" if others else ""
             self._note_lost(f"does not answer at {self.spec.address}{what}; the connection is retried")
         self.view.started.set(None)
 
