@@ -15,7 +15,7 @@ from evbotos.bench_command import bench, times
 from evbotos.build import OUTPUT, Build
 from evbotos.claim_command import claim
 from evbotos.cve_command import cve
-from evbotos.definitions import Definitions, load_definitions
+from evbotos.definitions import Definitions, fits, load_definitions
 from evbotos.disk import parts_of
 from evbotos.errors import BuildError
 from evbotos.flash_command import flash
@@ -89,10 +89,11 @@ def list_definitions(local: _LocalOption = None, as_json: _JsonOption = False) -
         table.add_row(platform.name, platform.architecture, platform.loader, platform.description)
     console().print(table)
     console().print()
-    table = new_table("image", "at most, with kernel", "disk", "what it holds")
+    table = new_table("image", "for", "at most, with kernel", "RAM", "disk", "what it holds")
     for image in found.images.values():
-        budget = f"{image.budget_mb.root_with_kernel:g} MB"
-        table.add_row(image.name, budget, f"{parts_of(image.layout).total >> 20} MiB", image.description)
+        budget, memory = f"{image.budget_mb.root_with_kernel:g} MB", f"{image.budget_mb.memory or 0:g} MB"
+        disk = f"{parts_of(image.layout).total >> 20} MiB"
+        table.add_row(image.name, ", ".join(image.architectures) or "all", budget, memory, disk, image.description)
     console().print(table)
 
 
@@ -103,7 +104,7 @@ def check_definitions(local: _LocalOption = None, as_json: _JsonOption = False) 
     problems: list[Problem] = []
     plans = 0
     for platform in found.platforms.values():
-        for image in found.images.values():
+        for image in (image for image in found.images.values() if fits(platform, image)):
             try:
                 plan = make_plan(platform, image, read_lock(found.lock_path(platform, image)))
             except ConfigError as error:
@@ -228,7 +229,7 @@ def show_sizes(
 
 def _chosen(platform: str, image: str, local: Path | None) -> tuple[Definitions, Platform, Image]:
     found = load_definitions(local)
-    return found, found.platform(platform), found.image(image)
+    return (found, *found.chosen(platform, image))
 
 
 def _built_folder(output: Path, platform: str, image: str) -> Path:

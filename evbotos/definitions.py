@@ -48,6 +48,19 @@ class Definitions:
         """Return an image. Raises ConfigError for an unknown name."""
         return _known("image", name, self.images)
 
+    def chosen(self, platform: str, image: str) -> tuple[Platform, Image]:
+        """Return a platform and an image for it.
+
+        Raises:
+            ConfigError: an unknown name, or the image is for other architectures.
+        """
+        board, what = self.platform(platform), self.image(image)
+        if not fits(board, what):
+            wanted = ", ".join(what.architectures)
+            message = f"the image {image} is for {wanted}; the platform {platform} is {board.architecture}"
+            raise ConfigError([Problem("images", 0, 0, "", message)])
+        return board, what
+
     def lock_path(self, platform: Platform, image: Image) -> Path:
         """Return the lock file of an image: the user's own if `local.yaml` changes its contents."""
         is_own = (platform.name, image.name) in self.changed
@@ -85,6 +98,11 @@ def load_definitions(local: Path | None = None, folder: Path = FOLDER) -> Defini
         if lock.asked_by(platform, image) != lock.asked_by(own_platforms[platform.name], own_images[image.name])
     }
     return Definitions(own_platforms, own_images, settings, own.parent / "locks", frozenset(changed))
+
+
+def fits(platform: Platform, image: Image) -> bool:
+    """Return whether an image is for a platform's architecture."""
+    return not image.architectures or platform.architecture in image.architectures
 
 
 def _known(kind: str, name: str, found: dict[str, _M]) -> _M:
@@ -129,6 +147,7 @@ def _with_includes(
         problems.append(Problem(file, 0, 0, "include", f"include loop: {' -> '.join([*way, name])}"))
         return image
     lists: dict[str, list[str]] = {key: [] for key in LISTS}
+    architectures = image.architectures
     for other in image.include:
         if other not in raw:
             if (folder / "images" / f"{other}.yaml").is_file():
@@ -137,12 +156,13 @@ def _with_includes(
             problems.append(Problem(file, 0, 0, "include", message))
             continue
         base = _with_includes(other, raw, folder, problems, (*way, name))
+        architectures = architectures or base.architectures
         for key in LISTS:
             lists[key] += getattr(base, key)
     joined = {key: tuple(dict.fromkeys([*lists[key], *getattr(image, key)])) for key in LISTS}
     asked = set(joined["packages"])  # an image's own packages override what an included image leaves out
     joined["drop_packages"] = tuple(name for name in joined["drop_packages"] if name not in asked)
-    return image.model_copy(update=joined)
+    return image.model_copy(update={**joined, "architectures": architectures})
 
 
 def _with_own_kernel(platform: Platform, local: Local) -> Platform:

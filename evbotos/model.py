@@ -251,6 +251,8 @@ class Image(StrictModel):
     description: Text
     include: Texts = ()
     """Names of base images: lists are joined, other values overridden."""
+    architectures: Annotated[tuple[Architecture, ...], Field(strict=False)] = ()
+    """The architectures of its platforms, by default those of the included images; empty for all."""
     packages: Annotated[tuple[PackageName, ...], Field(strict=False)] = ()
     """Debian packages, installed with their dependencies but without recommendations."""
     drop_packages: Annotated[tuple[PackageName, ...], Field(strict=False)] = ()

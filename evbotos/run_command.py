@@ -61,7 +61,7 @@ def run_image(
     A temporary copy of an image without a fleet gets keys for trying, and a fleet file that fits is printed.
     """
     found = load_definitions(local)
-    board, what = found.platform(platform), found.image(image)
+    board, what = found.chosen(platform, image)
     if board.emulator is None:
         raise BuildError(f"QEMU cannot emulate {board.name}")
     require([board.emulator.program, "mcopy"])

@@ -20,7 +20,7 @@ import yaml
 
 REPOSITORY: Final = Path(__file__).parents[2]
 KAS: Final = REPOSITORY / "evbotos/openembedded/kas"
-IMAGES: Final = ("minimal", "robot", "octave", "dev")
+IMAGES: Final = sorted(path.stem for path in (REPOSITORY / "evbotos/images").glob("*.yaml"))
 _TIMEOUT_S: Final = 3600.0
 _PLANNED: Final = re.compile(r"Attempted (\d+) tasks")
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from eal_actors.kernel.log import get_logger
-from evbotos import bytecode, squash
+from evbotos import bytecode
 from evbotos.apt_sources import sources_for
 from evbotos.build import Build
 from evbotos.definitions import load_definitions
@@ -18,29 +18,24 @@ from evbotos.errors import BuildError
 from evbotos.hashing import files_sha256
 from evbotos.hosttools import find_tool, needed_for
 from evbotos.lock import lock_path
-from evbotos.model import Local, PackagedKernel
+from evbotos.model import Local
 from evbotos.outputs import Built
 from evbotos.packages import Apt
 from evbotos.plan import step_names
 from evbotos.project import project_files
-from tests.evbotos.proof import SERVES, Proof, first_answer_s, give_keys, started, wait_for_words
-
-KERNEL = PackagedKernel(
-    package="linux-image-cloud-amd64",
-    modules=(
-        "virtio_pci",
-        "virtio_blk",
-        "virtio_net",
-        "virtio_rng",
-        "squashfs",
-        "overlay",
-        "vfat",
-        "nls_cp437",
-        "nls_ascii",
-    ),
+from tests.evbotos.proof import (
+    DEBIAN_KERNEL,
+    SERVES,
+    Proof,
+    compressed_quickly,
+    first_answer_s,
+    give_keys,
+    started,
+    wait_for_words,
 )
+
 FOUND = load_definitions()
-PLATFORM = FOUND.platform("qemu-amd64").model_copy(update={"kernel": KERNEL})
+PLATFORM = FOUND.platform("qemu-amd64").model_copy(update={"kernel": DEBIAN_KERNEL})
 IMAGE = FOUND.image("robot")
 SAME = ("root.squashfs", "kernel", "initrd", "disk.img", "sbom.cdx.json", "sizes.json")
 
@@ -75,8 +70,7 @@ def proof(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Proof]:
         pytest.skip(f"images cannot be built here: {error}")
     fleet, local = give_keys(folder)
     (folder / "sources").write_text(sources())
-    with pytest.MonkeyPatch.context() as patch:  # the level changes only the size, and takes a third of the time
-        patch.setitem(squash._OPTIONS, "zstd", ("-comp", "zstd", "-Xcompression-level", "3", "-b", "128K"))
+    with compressed_quickly():
         built = built_in(folder / "one", local, folder / "locks", update_lock=True)
         yield Proof(PLATFORM, IMAGE, built, fleet, folder / "robot", folder / "ssh", folder / "update.pem")
     shutil.rmtree(folder)

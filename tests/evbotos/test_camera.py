@@ -1,8 +1,7 @@
-"""A robot with a USB camera: the documented image takes pictures for a controller."""
+"""A robot with a USB camera: the image `vision` takes pictures for a controller."""
 
 from __future__ import annotations
 
-import re
 import shutil
 from pathlib import Path
 
@@ -16,13 +15,12 @@ from eal_actors.kernel.log import get_logger
 from evbotos.build import Build
 from evbotos.definitions import load_definitions
 from evbotos.hosttools import find_tool, needed_for
+from evbotos.run_command import memory_for
 from tests.evbotos.proof import FLEET, ROBOT, Proof, give_keys, started, wait_until
 from tests.evbotos.usb_camera import HEIGHT, WIDTH, UsbCamera
 
-PAGE = Path(__file__).parents[2] / "docs/evbotos.md"
 SIM = "sim: {model: evbot3}"
 CAMERA = "camera: {source: /dev/v4l/by-id/usb-1d6b_Emulated_Camera-video-index0, timeout_s: 30, frozen_after_s: 60}"
-MEMORY_MB = 256
 _LOG = get_logger()
 
 pytestmark = [pytest.mark.evbotos, pytest.mark.slow, pytest.mark.timeout(1800)]
@@ -30,19 +28,17 @@ pytestmark = [pytest.mark.evbotos, pytest.mark.slow, pytest.mark.timeout(1800)]
 
 @pytest.fixture(scope="module")
 def proof(tmp_path_factory: pytest.TempPathFactory) -> Proof:
-    """The image of the page's `local.yaml` with OpenCV."""
+    """The image with OpenCV."""
     folder = tmp_path_factory.mktemp("camera")
-    (asked,) = re.findall(r"```yaml\n(version: 1\nimages:\n.*?opencv.*?)```", PAGE.read_text(), re.DOTALL)
-    (folder / "local.yaml").write_text(asked)
-    found = load_definitions(folder / "local.yaml")
-    platform, image = found.platform("qemu-amd64"), found.image("robot")
+    found = load_definitions()
+    platform, image = found.chosen("qemu-amd64", "vision")
     missing = [name for name in (*needed_for(platform), "qemu-system-x86_64", "ssh") if find_tool(name) is None]
     if missing:
         pytest.skip(f"not installed: {', '.join(missing)} (make evbotos-setup)")
     assert SIM in FLEET
     fleet, local = give_keys(folder, FLEET.replace(SIM, CAMERA))
     build = Build(platform, image, local, found.lock_path(platform, image), _LOG.info)
-    built = build.run(folder / "out", update_lock=True)
+    built = build.run(folder / "out")
     _LOG.warning(f"with OpenCV: root and kernel {built.report['root_with_kernel_mb']} MB")
     return Proof(platform, image, built, fleet, folder / "robot", folder / "ssh", folder / "update.pem")
 
@@ -51,7 +47,9 @@ def test_a_camera_that_is_plugged_in_takes_pictures_for_a_controller_outside(
     proof: Proof, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     disk = Path(shutil.copyfile(proof.built.folder / "disk.img", tmp_path / "disk.img"))
-    with started(proof, disk, memory_mb=MEMORY_MB) as machine, UsbCamera(tmp_path / "usb") as camera:
+    assert proof.platform.emulator is not None
+    memory_mb = memory_for(proof.platform.emulator, proof.image)
+    with started(proof, disk, memory_mb=memory_mb) as machine, UsbCamera(tmp_path / "usb") as camera:
         camera.plug_into(machine)
         monkeypatch.setenv("EVBOT_PORT", str(machine.ports["eal"]))
         pictures: list[npt.NDArray[np.uint8]] = []

@@ -164,8 +164,18 @@ def test_unknown_names_are_told_with_what_was_meant(folder: Path) -> None:
         found.image("lage")
 
 
+def test_an_image_is_for_its_architectures_and_so_is_what_builds_on_it(folder: Path) -> None:
+    (folder / "images/small.yaml").write_text(SMALL + "architectures: [arm64]\n")
+    found = load_definitions(folder=folder)
+    assert found.image("large").architectures == ("arm64",)
+    with pytest.raises(ConfigError, match="the image large is for arm64; the platform board is amd64"):
+        found.chosen("board", "large")
+    (folder / "images/large.yaml").write_text(LARGE + "architectures: [amd64]\n")
+    assert load_definitions(folder=folder).chosen("board", "large")[1].name == "large"
+
+
 def test_the_shipped_definitions_name_every_platform_and_image() -> None:
     found = load_definitions()
     assert set(found.platforms) == {"beagle-armhf", "pc104-i686", "qemu-amd64", "qemu-arm64", "raspberry-pi"}
-    assert set(found.images) == {"dev", "minimal", "octave", "robot"}
+    assert set(found.images) == {"dev", "minimal", "octave", "robot", "vision"}
     assert set(found.image("minimal").packages) < set(found.image("octave").packages)

@@ -33,6 +33,7 @@ UPSTREAM = frozenset(
         "git",
         "glibc",
         "libc6-dev",
+        "libstdc++",
         "linux-libc-headers-dev",
         "make",
         "nftables",

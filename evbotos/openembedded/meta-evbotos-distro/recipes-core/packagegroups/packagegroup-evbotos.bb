@@ -13,6 +13,7 @@ PACKAGES = "\
     ${PN}-minimal-image \
     ${PN}-octave-image \
     ${PN}-robot-image \
+    ${PN}-vision-image \
 "
 
 RDEPENDS:${PN}-dev-image = "\
@@ -130,6 +131,44 @@ RDEPENDS:${PN}-robot-image = "\
     python3-modules \
     python3-msgpack \
     python3-numpy \
+    python3-pydantic \
+    python3-pykka \
+    python3-pymunk \
+    python3-pyserial \
+    python3-pyyaml \
+    python3-rich \
+    python3-simpleeval \
+    python3-structlog \
+    python3-typer \
+"
+
+RDEPENDS:${PN}-vision-image = "\
+    busybox \
+    busybox-mdev \
+    busybox-syslog \
+    dropbear \
+    evbotos-rootfs \
+    evbotos-rootfs-hotplug \
+    evbotos-rootfs-log \
+    evbotos-rootfs-network \
+    evbotos-rootfs-robot \
+    evbotos-rootfs-ssh \
+    evbotos-rootfs-time \
+    evbotos-rootfs-update \
+    evbotos-rootfs-watchdog \
+    glibc \
+    libstdc++ \
+    mdnsd \
+    nftables \
+    openntpd \
+    openssh-sftp-server \
+    python3-cffi \
+    python3-core \
+    python3-eclipse-zenoh \
+    python3-modules \
+    python3-msgpack \
+    python3-numpy \
+    python3-opencv \
     python3-pydantic \
     python3-pykka \
     python3-pymunk \

@@ -1,0 +1,78 @@
+"""The image `vision` in the RAM that it states: the thesis's scenarios, unchanged, against a booted robot."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from eal_actors.kernel.log import get_logger
+from evbotos.build import Build
+from evbotos.definitions import load_definitions
+from evbotos.hosttools import find_tool, needed_for
+from evbotos.lock import lock_path
+from evbotos.qemu import Machine
+from evbotos.run_command import memory_for
+from tests.evbotos.proof import (
+    DEBIAN_KERNEL,
+    FLEET,
+    ROBOT,
+    SERVES,
+    Proof,
+    answer,
+    compressed_quickly,
+    eal,
+    give_keys,
+    started,
+    wait_for_words,
+)
+
+_LOG = get_logger()
+
+pytestmark = [pytest.mark.evbotos, pytest.mark.timeout(3600)]
+
+
+@pytest.fixture(scope="module")
+def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Proof, Machine]]:
+    """A running robot with a simulated camera in the laboratory, started by Debian's own kernel."""
+    folder = tmp_path_factory.mktemp("vision")
+    board, image = load_definitions().chosen("qemu-amd64", "vision")
+    platform = board.model_copy(update={"kernel": DEBIAN_KERNEL})
+    missing = [name for name in (*needed_for(platform), "qemu-system-x86_64", "ssh") if find_tool(name) is None]
+    if missing:
+        pytest.skip(f"not installed: {', '.join(missing)} (make evbotos-setup)")
+    fleet, local = give_keys(folder, FLEET.replace("name: proof", "name: proof\nworld: lab"))
+    lock = lock_path(platform, image, folder / "locks")
+    with compressed_quickly():
+        built = Build(platform, image, local, lock, _LOG.info).run(folder / "out", update_lock=True)
+    proof = Proof(platform, image, built, fleet, folder / "robot", folder / "ssh", folder / "update.pem")
+    disk = Path(shutil.copyfile(built.folder / "disk.img", folder / "disk.img"))
+    assert platform.emulator is not None
+    with started(proof, disk, memory_mb=memory_for(platform.emulator, image)) as machine:
+        wait_for_words(machine, SERVES)
+        yield proof, machine
+
+
+@pytest.mark.parametrize("scenario", ["square", "panorama", "dance"])
+def test_a_scenario_of_the_thesis_runs_unchanged(machine: tuple[Proof, Machine], tmp_path: Path, scenario: str) -> None:
+    proof, booted = machine
+    said = eal(
+        "run",
+        scenario,
+        "--fleet",
+        proof.fleet,
+        "--runs-dir",
+        tmp_path,
+        "--no-plot",
+        EVBOT_PORT=str(booted.ports["eal"]),
+    )
+    assert f"{scenario} on proof: done" in said
+    _LOG.warning(f"{scenario}: {answer(proof, booted, 'free -m')}")
+    if scenario == "panorama":
+        (run,) = tmp_path.iterdir()
+        told = json.loads((run / ROBOT / "panorama.json").read_text())
+        assert told["is_full"], told
+        assert [frame["left_out"] for frame in told["frames"]] == [None] * 8
