@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
@@ -19,13 +17,13 @@ from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.options import BindingsOption, JsonOption, KeepOption, ScenarioArgument, SettingsOption
 from eal_actors.cli.output import counted, new_table, print_line, stderr, stdout, write_json
 from eal_actors.cli.run_options import RunOptions, read_request
+from eal_actors.cli.work import work_progress
 from eal_actors.kernel.bundled import short_path
 from eal_actors.kernel.errors import UnsupportedError, unwritable_error
 from eal_actors.lab.proof import Finding, Proof, ProofRequest, ProvenCase, prove
 from eal_actors.lab.proof.cases import KILLED
 from eal_actors.lab.proof.fleet_files import injectable_faults
 from eal_actors.lab.proof.page import render_proof
-from eal_actors.lab.proof.proof import OnCase
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.twins import simulated
 
@@ -79,8 +77,8 @@ def prove_scenario(
         within,
     )
     try:
-        with _progress(console) as on_case:
-            proof = prove(asked, on_case)
+        with work_progress(console, "run", None) as on_done:
+            proof = prove(asked, lambda case, count: on_done(_case_line(case), bool(case.violations), count))
         page = _write_page(proof, console)
     except OSError as error:
         raise unwritable_error(error.filename or asked.out, error) from error
@@ -100,27 +98,11 @@ def _check_kinds(kinds: Sequence[str], config: FleetConfig, keep: Sequence[str])
             raise typer.BadParameter(f"there is no fault {kind!r}; use {', '.join(known)}", param_hint="'--fault'")
 
 
-@contextmanager
-def _progress(console: Console) -> Iterator[OnCase]:
-    """Show a bar on a terminal; elsewhere a line for each run with a finding."""
-
-    def describe(case: ProvenCase) -> Text:
-        first = case.violations[0]
-        return Text.assemble((f"{first.invariant}: ", "bold red"), first.message, f"  ({case.label})")
-
-    if not console.is_terminal:
-        yield lambda case, _: print_line(console, describe(case)) if case.violations else None
-        return
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("runs", total=None)
-
-        def advance(case: ProvenCase, count: int) -> None:
-            bar.update(task, total=count, advance=1)
-            if case.violations:
-                print_line(bar.console, describe(case))
-
-        yield advance
+def _case_line(case: ProvenCase) -> Text:
+    if not case.violations:
+        return Text(f"{case.label}: {case.outcome}")
+    first = case.violations[0]
+    return Text.assemble((f"{first.invariant}: ", "bold red"), first.message, f"  ({case.label})")
 
 
 def _write_page(proof: Proof, console: Console) -> Path | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from itertools import islice, zip_longest
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -16,12 +16,10 @@ from rich.text import Text
 
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.fleets import read_fleet
-from eal_actors.cli.interrupts import handle_signals
 from eal_actors.cli.options import JsonOption
 from eal_actors.cli.output import counted, new_table, print_line, stderr, stdout, write_json
+from eal_actors.cli.replay_service import serve_replay
 from eal_actors.cli.run_options import parse_rate
-from eal_actors.facade.service import RobotService
-from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.errors import ConfigError, ScenarioError, unwritable_error
 from eal_actors.kernel.lock_step import MAX, Rate
 from eal_actors.kernel.log import get_logger
@@ -174,7 +172,8 @@ def replay_run(
     print_line(stdout(), f"{file}: {counted(len(recorded.infos), 'robot')}, {recorded.duration_s:.1f} s")
     print_line(stdout(), f"next: {following}", "dim")
     if serve:
-        _serve(file, list(recorded.infos))
+        robots = list(recorded.infos)
+        serve_replay(read_fleet(file, robots), robots, recorded.duration_s, loops=loop)
 
 
 def _replay_fleet(
@@ -217,20 +216,6 @@ def _next_command(run: Path, fleet: Path) -> list[str]:
     given = report.parameters.items() if report is not None else ()
     texts = [f"{name}={value if isinstance(value, str) else json.dumps(value)}" for name, value in given]
     return ["eal", "run", str(scenario), "--fleet", str(fleet), *(word for text in texts for word in ("--set", text))]
-
-
-def _serve(file: Path, robots: list[str]) -> None:
-    handle_signals()
-    config = read_fleet(file, robots)
-    with ExitStack() as stack:
-        out = stdout()
-        for robot in robots:
-            service = stack.enter_context(RobotService(config, robot))
-            print_line(out, f"{robot}: {', '.join(service.endpoints)}")
-        try:
-            REAL_TIME.wait(new_waiter(), None)
-        except KeyboardInterrupt:
-            out.print("leaving the network")
 
 
 @contextmanager

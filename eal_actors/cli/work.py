@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TypeAlias
+from typing import Protocol
 
 from rich.console import Console
 from rich.progress import (
@@ -23,8 +23,18 @@ from typing_extensions import override
 from eal_actors.cli.output import counted, print_line
 from eal_actors.kernel.clock import REAL_TIME
 
-OnDone: TypeAlias = Callable[[str | Text, bool], None]
-"""Called for each finished part: its line, and whether it must be seen on a terminal too."""
+
+class OnDone(Protocol):
+    """Called for each finished part."""
+
+    def __call__(self, line: str | Text, is_important: bool, total: int | None = None) -> None:
+        """Note a finished part.
+
+        Args:
+            line: describes it.
+            is_important: it must be seen on a terminal too.
+            total: the number of parts, where it was not known before.
+        """
 
 
 class _RateColumn(ProgressColumn):
@@ -36,24 +46,24 @@ class _RateColumn(ProgressColumn):
 
 
 @contextmanager
-def work_progress(console: Console, noun: str, total: int, finished: int = 0) -> Iterator[OnDone]:
+def work_progress(console: Console, noun: str, total: int | None, finished: int = 0) -> Iterator[OnDone]:
     """Show a bar on a terminal, or a line for each part elsewhere; at the end, or at Ctrl-C, a summary.
 
     Args:
         console: where to show it.
         noun: the name of a part, such as `run`.
-        total: the number of parts.
+        total: the number of parts; None where the first part tells it.
         finished: how many of them were finished before.
     """
-    start_s, done = REAL_TIME.now(), 0
+    start_s, done, count = REAL_TIME.now(), 0, total
 
-    def advance(line: str | Text, is_important: bool) -> None:
-        nonlocal done
-        done += 1
+    def advance(line: str | Text, is_important: bool, total: int | None = None) -> None:
+        nonlocal done, count
+        done, count = done + 1, total or count
         if bar is None:
-            print_line(console, Text(f"{finished + done}/{total}  ").append_text(Text() + line))
+            print_line(console, Text(f"{finished + done}/{count}  ").append_text(Text() + line))
             return
-        bar.advance(task)
+        bar.update(task, advance=1, total=count)
         if is_important:
             print_line(bar.console, line)
 
@@ -68,7 +78,7 @@ def work_progress(console: Console, noun: str, total: int, finished: int = 0) ->
             bar.stop()
         if done > 1:
             duration_s = REAL_TIME.now() - start_s
-            what = counted(done, noun) if finished + done == total else f"{done} of {total} {noun}s"
+            what = counted(done, noun) if finished + done == count else f"{done} of {count} {noun}s"
             print_line(console, f"{what} in {_duration(duration_s)}, {_rate(done / max(duration_s, 1e-9))}", "dim")
 
 

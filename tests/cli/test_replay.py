@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import pty
+import re
 import shlex
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ import pytest
 
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.managers.config import EALConfigManager
+from tests.net.links import free_port
 from tests.program import eal_processes
 from tests.scenario_texts import scenario_of
 
@@ -49,6 +52,24 @@ def test_the_rate_can_be_chosen(eal: Any, write: Any, tmp_path: Path) -> None:
         assert EALConfigManager.load(run / "replay.yaml").fleet.rate == rate
     assert eal("replay", run, "--rate", "0").exit_code == 2
     assert "not possible with --serve" in eal("replay", run, "--rate", "max", "--serve").output.replace("\n", " ")
+
+
+def test_a_served_replay_says_where_it_is(start: Any, eal: Any, write: Any, tmp_path: Path) -> None:
+    scenario = write("short.yaml", scenario_of("send_cmd: {resource: Base, cmd: f0.2}", role="all"))
+    fleet = write("f.yaml", "version: 1\nrobots: {one: {plugins: {sim: {model: roomba}}}}\n")
+    done = eal("run", scenario, "--fleet", fleet, "--rate", "max", "--runs-dir", tmp_path / "runs", "--no-plot")
+    assert done.exit_code == 0, done.output
+    (run,) = (tmp_path / "runs").iterdir()
+    process = start("replay", run, "--serve", "--rate", 5, "--port", free_port())
+    lines = iter(process.stdout.readline, "")
+    assert any(line.startswith("one: tcp/") for line in lines)
+    ended = next(lines)
+    length = re.match(r"the record ended at ([\d.]+) s", ended)
+    assert length is not None, ended
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 0, err
+    assert f"replayed {length[1]} of {length[1]} s, served for " in out
 
 
 @pytest.mark.slow

@@ -41,6 +41,17 @@ def test_a_terminal_gets_a_bar_with_rate_and_rest_and_what_is_important() -> Non
     assert "part 2" not in text
 
 
+def test_the_first_part_may_tell_how_many_there_are() -> None:
+    console = Console(file=io.StringIO())
+    with work_progress(console, "run", None) as on_done:
+        on_done("one", False, 2)
+        on_done("two", False, 2)
+    assert isinstance(console.file, io.StringIO)
+    *lines, summary = console.file.getvalue().splitlines()
+    assert lines == ["1/2  one", "2/2  two"]
+    assert summary.startswith("2 runs in ")
+
+
 def test_the_summary_says_how_much_was_done() -> None:
     with pytest.raises(KeyboardInterrupt):
         interrupted()
