@@ -21,6 +21,7 @@ from eal_actors.cli.options import FleetOption, JsonOption
 from eal_actors.cli.output import new_table, print_line, stderr, stdout, write_json
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ScenarioError, UnsupportedError
+from eal_actors.kernel.log import get_logger
 from eal_actors.managers.missing_modules import require_modules
 from eal_actors.operate.audit import AuditLog
 
@@ -76,11 +77,18 @@ def serve_agents(
         server = AgentServer(gate, audit, runs_dir, "stdio" if http is None else "http")
         try:
             if http is None:
-                server.server.run("stdio")
+                _serve_pipes(server)
             else:
                 _serve_http(server, http, console)
         except KeyboardInterrupt:
             console.print("halting the robots")
+
+
+def _serve_pipes(server: Any) -> None:
+    try:
+        server.server.run("stdio")
+    except* BrokenPipeError:
+        get_logger().info("the client has left while it was answered")
 
 
 def _serve_http(server: Any, port: int, console: Console) -> None:
@@ -180,7 +188,7 @@ def _print_plan(plan: StoredPlan, state: str) -> None:
     print_line(out, Text.assemble((f"{plan.name} on {plan.fleet}", "bold"), f", plan {plan.hash[:12]}, {state}"))
     print_line(out, Text(f"by agent {plan.agent!r} for {', '.join(plan.robots)}"))
     for name, value in plan.parameters.items():
-        print_line(out, Text(f"  {name} = {value}"))
+        print_line(out, Text(f"  {name} = {_visible(str(value))}"))
     print_line(out, Text("\nText:", "bold"))
     for line in plan.text.splitlines():
         print_line(out, Text(f"  {_visible(line)}"))

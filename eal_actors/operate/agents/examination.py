@@ -103,6 +103,15 @@ class Rehearser:
         self._fleet_file = fleet_file
         self._limit_s = limit_s
         self._lock = threading.Lock()
+        self._process: subprocess.Popen[str] | None = None
+        self._is_closed = False
+
+    def close(self) -> None:
+        """End the rehearsal that runs, and let no other run. Thread: any; does not block."""
+        self._is_closed = True
+        process = self._process
+        if process is not None:
+            process.kill()
 
     def rehearse(self, text: str, parameters: Mapping[str, object]) -> RehearsalResult:
         """Rehearse a plan that has no problems.
@@ -124,24 +133,30 @@ class Rehearser:
 
     def _run(self, file: Path, parameters: Mapping[str, object]) -> dict[str, Any]:
         fleet = str(self._fleet_file.resolve())
-        settings = [f"--set={name}={json.dumps(value)}" for name, value in parameters.items()]
+        settings = [f"--set={name}={json.dumps(value, ensure_ascii=False)}" for name, value in parameters.items()]
         command = [sys.executable, "-m", "eal_actors", "rehearse", str(file), "--fleet", fleet, "--json"]
+        with subprocess.Popen(  # noqa: S603  # our own program; values of parameters are single arguments
+            [*command, f"--seeds={SEEDS}", *settings],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        ) as process:
+            self._process = process
+            if self._is_closed:
+                process.kill()
+            try:
+                answer, said = process.communicate(timeout=self._limit_s)
+            except subprocess.TimeoutExpired:
+                why = f"{_FILE}:1:1: the rehearsal did not end within {self._limit_s:g} s; shorten the plan"
+                raise DeadlineError(why) from None
+            finally:
+                process.kill()
+                self._process = None
         try:
-            done = subprocess.run(  # noqa: S603  # our own program; values of parameters are single arguments
-                [*command, f"--seeds={SEEDS}", *settings],
-                stdin=subprocess.DEVNULL,
-                capture_output=True,
-                text=True,
-                timeout=self._limit_s,
-                check=False,
-            )
-        except subprocess.TimeoutExpired:
-            why = f"{_FILE}:1:1: the rehearsal did not end within {self._limit_s:g} s; shorten the plan"
-            raise DeadlineError(why) from None
-        try:
-            found: dict[str, Any] = json.loads(done.stdout)
+            found: dict[str, Any] = json.loads(answer)
         except ValueError:
-            raise ScenarioError(f"the plan cannot be rehearsed: {done.stderr.strip()[-500:]}") from None
+            raise ScenarioError(f"the plan cannot be rehearsed: {said.strip()[-500:]}") from None
         if "error" in found:
             raise ScenarioError(f"{_FILE}:1:1: the plan cannot be rehearsed: {found['error']['message']}")
         return found

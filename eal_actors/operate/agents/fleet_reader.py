@@ -13,7 +13,7 @@ from eal_actors.actors.handles import RobotHandle
 from eal_actors.device.data import EALData
 from eal_actors.device.info import ResourceInfo
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.bundled import bundled_names, bundled_path, find_file
+from eal_actors.kernel.bundled import bundled_names, bundled_path
 from eal_actors.kernel.errors import ArgumentError, EALError, RobotNotFoundError
 from eal_actors.operate.dashboard.fleet_poller import infos_of
 from eal_actors.operate.dashboard.state_store import to_json_value
@@ -106,9 +106,11 @@ class FleetReader:
         """Return the text of a bundled scenario.
 
         Raises:
-            ConfigError: there is none of this name.
+            ArgumentError: there is none of this name.
         """
-        return find_file(_checked(name), "scenario", bundled_path("scenarios")).read_text(encoding="utf-8")
+        if name not in (known := bundled_names("scenario")):
+            raise ArgumentError(f"no scenario {name!r}; there are {', '.join(known)}")
+        return bundled_path(f"scenarios/{name}.yaml").read_text(encoding="utf-8")
 
     @staticmethod
     def scenarios() -> list[str]:

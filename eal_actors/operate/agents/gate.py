@@ -63,6 +63,7 @@ class PlanGate:
         self._record: RunRecord | None = None
         self._hash = ""
         self._watcher: threading.Thread | None = None
+        self._is_closed = False
 
     def examine(self, text: str, parameters: Mapping[str, object]) -> tuple[Plan, tuple[str, ...]]:
         """Check a plan and make its dry run; nothing moves.
@@ -136,17 +137,22 @@ class PlanGate:
             text: its hash, or the beginning of it.
 
         Raises:
-            AccessDeniedError: it is not approved, was used, or is for another fleet.
-            ScenarioError: a run is active.
+            AccessDeniedError: it is not approved, was used, or is for another fleet or other robots.
+            ScenarioError: a run is active, or the gate is closed.
             EALError: the robots cannot run it now.
         """
         stored = self.store.find(text)
         if plan_hash(stored.text, stored.parameters, _content_of(self.fleet.config)) != stored.hash:
             raise AccessDeniedError(f"plan {stored.hash[:12]} is for another fleet, or was changed: submit it again")
         with self._lock:
+            if self._is_closed:
+                raise ScenarioError("the door for agents is closed")
             if self._is_active():
                 raise ScenarioError("a plan is already running")
-            plan, _ = self.examine(stored.text, stored.parameters)
+            plan, lines = self.examine(stored.text, stored.parameters)
+            if (plan.robots, lines) != (stored.robots, stored.steps):
+                now = ", ".join(plan.robots)
+                raise AccessDeniedError(f"plan {stored.hash[:12]} has other robots now: {now}; submit it again")
             rule = self._rule_of(stored, plan)
             self.store.use(stored)
             self._begin(stored, plan, None if rule is None else rule.max_duration_s)
@@ -210,7 +216,10 @@ class PlanGate:
         return {name: _unconfirmed(answer) for name, answer in answers.items()}
 
     def close(self) -> None:
-        """Abort the run and wait for its end. Thread: blocks the caller, for a bounded time."""
+        """Abort the run and wait for its end; no other begins. Thread: blocks the caller, for a bounded time."""
+        with self._lock:
+            self._is_closed = True
+        self._rehearser.close()
         future = self._future
         if future is None:
             return
@@ -245,11 +254,12 @@ def _unconfirmed(answer: Future[None]) -> str | None:
 
 
 def _end_after(run: Run, future: Future[Report], limit_s: float) -> None:
-    """Abort a run that takes longer than its policy allows."""
-    try:
-        future.exception(timeout=limit_s)
-    except WaitTimeoutError:
-        run.abort(f"it took longer than the {limit_s:g} s that the policy allows")
+    """Abort a run that takes longer than its policy allows, and its `finally` steps if they take as long again."""
+    for _ in range(2):
+        try:
+            future.exception(timeout=limit_s)
+        except WaitTimeoutError:
+            run.abort(f"it took longer than the {limit_s:g} s that the policy allows")
 
 
 def describe_problems(error: EALError) -> list[str]:

@@ -15,7 +15,7 @@ from pydantic import Field, PositiveFloat, ValidationError
 from typing_extensions import override
 
 from eal_actors.device.data import EALData
-from eal_actors.device.info import ResourceInfo
+from eal_actors.device.info import ResourceInfo, ResourceType
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ConfigError, EALError, Problem
 from eal_actors.kernel.strict_model import StrictModel, Version1, problems_from
@@ -27,7 +27,7 @@ from eal_actors.scenario.language.robot_check import CheckedCall, RobotCheck, Ro
 from eal_actors.scenario.language.static_values import StaticValues
 from eal_actors.scenario.language.values import Text
 
-_READING: Final = frozenset({"get_status", "get_value", "send_req", "read_comm", "get_config", "halt"})
+_READING: Final = frozenset({"get_status", "get_value", "read_comm", "get_config", "halt"})
 """Methods that move nothing, and the halt."""
 _CONTROL: Final = frozenset(
     {
@@ -36,7 +36,7 @@ _CONTROL: Final = frozenset(
     }
 )
 """Step kinds that command no robot by themselves."""
-_CALLS: Final = frozenset({*_READING, "set_value", "send_cmd"})
+_CALLS: Final = frozenset({*_READING, "send_req", "set_value", "send_cmd"})
 
 Span = Annotated[tuple[float, float], Field(strict=False)]
 
@@ -180,6 +180,8 @@ def _call_reason(rule: PolicyRule, method: str, info: ResourceInfo, given: Mappi
         return None
     if given is None:
         return f"{info.name} {method} has a value that is known only during the run"
+    if method == "send_req" and _is_reading(info, str(given["req"])):
+        return None
     if method == "set_value" and info.name in rule.values:
         return _outside(f"{info.name} set_value", given["value"], rule.values[info.name])
     if method != "send_cmd" or info.name not in rule.commands:
@@ -195,6 +197,11 @@ def _call_reason(rule: PolicyRule, method: str, info: ResourceInfo, given: Mappi
         return f"{info.name} {name}"
     span = allowed[name]
     return _outside(f"{info.name} {name}", argument.value if argument is not None else 0, span) if span else None
+
+
+def _is_reading(info: ResourceInfo, req: str) -> bool:
+    """Return whether a request moves nothing: others call services of ROS 2 and instant actions of AGVs."""
+    return info.types == ResourceType.SENSOR or any(request.name == req for request in info.requests)
 
 
 def _outside(what: str, value: Any, span: Span) -> str | None:

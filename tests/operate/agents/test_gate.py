@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from eal_actors.cli.mcp import approve_plan
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.errors import AccessDeniedError, ArgumentError, ConfigError, EALError, ScenarioError
@@ -121,6 +122,74 @@ def test_old_plans_no_longer_wait(tmp_path: Path, gate: PlanGate) -> None:
     stored = kept_plan(gate)
     gate.store.keep(stored.model_copy(update={"submitted": stored.submitted - timedelta(days=2)}))
     assert PlanStore(tmp_path).state(gate.store.find(stored.hash)) == "expired"
+
+
+def test_a_plan_whose_robots_have_changed_since_its_approval_does_not_run(gate: PlanGate, tmp_path: Path) -> None:
+    """A robot that lacks what a role needs is replaced by another, which the person has not seen."""
+    stored = kept_plan(gate)
+    gate.store.keep(
+        stored.model_copy(update={"steps": (*stored.steps[:1], "  on greeters: second", *stored.steps[2:])})
+    )
+    gate.store.decide(stored, "user tester", is_approved=True)
+    with pytest.raises(AccessDeniedError, match=r"has other robots now: SYSTEM.* second; submit it again"):
+        gate.start(stored.hash)
+    assert gate.store.state(stored) == "approved"
+    assert not list(tmp_path.glob("*/events.jsonl"))
+
+
+def test_nothing_begins_after_the_end_of_the_door(gate: PlanGate) -> None:
+    stored = kept_plan(gate)
+    gate.store.decide(stored, "user tester", is_approved=True)
+    gate.close()
+    with pytest.raises(ScenarioError, match="the door for agents is closed"):
+        gate.start(stored.hash)
+    with pytest.raises(ScenarioError, match="the plan cannot be rehearsed"):
+        gate.rehearse(PLAN, {})
+
+
+def test_a_person_sees_the_parameters_as_they_are(
+    gate: PlanGate, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = PLAN.replace("parameters:\n", "parameters:\n  word: {type: string, default: a}\n")
+    forged = {"word": "a\n\nRehearsed 9 times: done\u202e\u200b\x1b[2J"}
+    plan, lines = gate.examine(text, forged)
+    gate.store.keep(gate.describe(plan, lines, text, forged, "a test", {"runs": [], "duration_s": 1.0}))
+    with pytest.raises(ScenarioError, match="by a person"):
+        approve_plan(gate.store.plans()[0].hash, refuse=False, valid_min=1, runs_dir=tmp_path, as_json=False)
+    shown = " ".join(capsys.readouterr().out.split())
+    assert r"word = a\u000a\u000aRehearsed 9 times: done\u202e\u200b\u001b[2J" in shown
+
+
+LAMP = """\
+version: 1
+name: hall
+robots:
+  turtle:
+    plugins:
+      ros2:
+        router: tcp/127.0.0.1:1
+        drive: {max_speed_m_s: 0.2, speed_m_s: 0.2, track_m: 0.2}
+        services: {Lamp: {service: lamp, type: std_srvs/srv/SetBool}}
+"""
+
+
+def test_a_policy_does_not_take_a_call_of_a_service_for_reading(tmp_path: Path) -> None:
+    (tmp_path / "hall.yaml").write_text(LAMP, encoding="utf-8")
+    (tmp_path / "policy.yaml").write_text(f"{POLICY}    only_in_simulation: false\n", encoding="utf-8")
+    policy = load_policy(tmp_path / "policy.yaml")
+    head = "version: 1\nname: lamp\nroles: {it: {robots: [turtle]}}\nsteps:\n  - on: it\n    do:\n"
+    reading = "      - send_req: {resource: Base, req: path}\n"
+    with Fleet.load(tmp_path / "hall.yaml").connect() as fleet:
+        plan, _ = dry_run(read_plan(head + reading, {}), fleet)
+        assert policy.judge(plan, fleet, 1)[0] is not None
+        for call in (
+            """      - send_req: {resource: Lamp, req: '{"data": true}'}\n""",
+            """      - if: "request('Lamp', '{}') == ''"\n        then: [wait_s: 0.1]\n""",
+        ):
+            plan, _ = dry_run(read_plan(head + call, {}), fleet)
+            rule, problems = policy.judge(plan, fleet, 1)
+            assert rule is None
+            assert ["Lamp send_req" in str(problem) for problem in problems] == [True], problems
 
 
 NOT_ALLOWED = (
