@@ -8,6 +8,10 @@ So, after the fleets are closed, open sessions are closed, no thread enters the 
 until all have left. A thread is in the engine while its innermost Python frame is code that calls the engine; looking
 at the frames at the end costs the calls nothing. Readers of messages go on until their session is closed, since its
 end waits for an engine's thread that a full channel holds up.
+
+An object of the engine enters the engine once more when it is freed. A thread that ends frees its last references
+without a frame of its own, so the program also waits for the ends of the threads of this package, and keeps the objects
+that are still in use. For the same reason no callback runs in the engine's threads: before it begins it has no frame.
 """
 
 from __future__ import annotations
@@ -15,6 +19,7 @@ from __future__ import annotations
 import atexit
 import sys
 import threading
+import weakref
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
@@ -32,6 +37,22 @@ _TIMEOUT_S: Final = 5.0
 _PERIOD_S: Final = 0.001
 _CALLERS: Final = str(Path(__file__).parent)
 _actions: dict[Callable[[], None], None] = {}
+_threads: weakref.WeakSet[threading.Thread] = weakref.WeakSet()
+_owners: weakref.WeakSet[object] = weakref.WeakSet()
+_kept: list[object] = []
+
+
+def start_thread(work: Callable[[], None], name: str) -> threading.Thread:
+    """Start a daemon thread that calls the engine; the program waits for its end. Thread: any."""
+    thread = threading.Thread(target=work, name=name, daemon=True)
+    _threads.add(thread)
+    thread.start()
+    return thread
+
+
+def keep_at_exit(owner: object) -> None:
+    """Keep an owner of the engine's objects, if it is still in use when the program ends. Thread: any."""
+    _owners.add(owner)
 
 
 def close_at_exit(close: Callable[[], None]) -> Callable[[], object]:
@@ -44,10 +65,13 @@ def close_at_exit(close: Callable[[], None]) -> Callable[[], object]:
 def _leave() -> None:
     global has_begun, is_over
     has_begun = True
+    _kept.extend(_owners)
     for close in list(_actions):
         close()
     is_over = True
     end_s = REAL_TIME.now() + _TIMEOUT_S
+    for thread in list(_threads):
+        thread.join(max(0.0, end_s - REAL_TIME.now()))
     while names := _threads_inside():
         if REAL_TIME.now() > end_s:
             get_logger().warning("threads are still in the network engine; the program ends", threads=names)

@@ -33,6 +33,7 @@ from typing import Final, NamedTuple
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.log import get_logger
 from eal_actors.kernel.posix import fcntl, termios
+from eal_actors.wire.engine_exit import start_thread
 from eal_actors.wire.memory_room import MemoryRoom
 from eal_actors.wire.own_sockets import is_listening, tcp_sockets
 from eal_actors.wire.security.packet_filter import plain_address
@@ -96,8 +97,7 @@ def watching(
             except OSError as error:  # no descriptor is free
                 get_logger().debug("the links cannot be looked at", reason=str(error))
 
-    thread = threading.Thread(target=look, name="eal-net-links", daemon=True)
-    thread.start()
+    thread = start_thread(look, "eal-net-links")
     try:
         yield
     finally:

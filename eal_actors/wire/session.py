@@ -14,7 +14,6 @@ import contextlib
 import ctypes
 import json
 import re
-import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
@@ -26,7 +25,7 @@ from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER, DEFAULT_NETWORK, NetworkConfig, parse_endpoint
-from eal_actors.wire.engine_exit import close_at_exit
+from eal_actors.wire.engine_exit import close_at_exit, start_thread
 from eal_actors.wire.engine_threads import share_threads
 from eal_actors.wire.format.packing import MAX_ENVELOPE_BYTES, MAX_PAYLOAD_BYTES
 from eal_actors.wire.link_watch import Link, watching
@@ -347,7 +346,7 @@ class _BoundedCall(Generic[T]):
         self._discard = discard
         self._outcome: Future[T] = Future()
         self._waiter = new_waiter()
-        threading.Thread(target=self._run, name=name, daemon=True).start()
+        start_thread(self._run, name)
 
     def _run(self) -> None:
         try:

@@ -16,7 +16,6 @@ Thread: any.
 from __future__ import annotations
 
 import contextlib
-import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
@@ -27,6 +26,8 @@ from eal_actors.wire import engine_exit
 
 if TYPE_CHECKING:
     import zenoh
+
+    _Subscriber = zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]
 
 _CAPACITY: Final = 64
 """Messages that wait for the reader of a subscription; the engine itself holds many more in its link."""
@@ -53,12 +54,13 @@ class Transport:
         self.is_relayed: Final = bool(session.info.routers_zid())
         self._priorities = zenoh.Priority.DATA, zenoh.Priority.REAL_TIME
         self._congestion = zenoh.CongestionControl.DROP, zenoh.CongestionControl.BLOCK
-        self._subscribers: list[zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]] = []
+        self._subscribers: list[_Subscriber] = []
         self._elsewhere = zenoh.Locality.REMOTE
         self._publishers: tuple[dict[str, zenoh.Publisher], ...] = {}, {}  # of messages that are not vital, and vital
         self._received: dict[str, zenoh.KeyExpr] = {}
         self._uses: tuple[dict[str, int], ...] = {}, {}
         self._receipts: dict[str, int] = {}
+        engine_exit.keep_at_exit(self)
 
     def put(
         self,
@@ -128,7 +130,21 @@ class Transport:
         """
         import zenoh
 
-        subscriber = self.session.declare_subscriber(key, zenoh.handlers.FifoChannel(_CAPACITY))
+        return self._read(self.session.declare_subscriber(key, zenoh.handlers.FifoChannel(_CAPACITY)), name, handle)
+
+    def receive_tokens(self, key: str, name: str, handle: Callable[[str, zenoh.Sample], None]) -> Callable[[], None]:
+        """Pass the liveliness tokens of a key expression, present and coming, to a handler; see `receive`."""
+        import zenoh
+
+        liveliness = self.session.liveliness()
+        subscriber = liveliness.declare_subscriber(key, zenoh.handlers.FifoChannel(_CAPACITY), history=True)
+        return self._read(subscriber, name, handle)
+
+    def _read(
+        self, subscriber: _Subscriber, name: str, handle: Callable[[str, zenoh.Sample], None]
+    ) -> Callable[[], None]:
+        import zenoh
+
         channel = subscriber.handler  # a subscriber that is being read itself cannot be undeclared
         self._subscribers.append(subscriber)  # it ends when it is forgotten
 
@@ -153,7 +169,7 @@ class Transport:
                 self._subscribers.remove(subscriber)
                 subscriber.undeclare()  # type: ignore[no-untyped-call]  # untyped in zenoh's stubs
 
-        threading.Thread(target=read, name=name, daemon=True).start()
+        engine_exit.start_thread(read, name)
         return end
 
 

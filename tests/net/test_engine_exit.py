@@ -31,6 +31,20 @@ assert arrived.wait(30)
 """
 """It receives messages, and ends without closing its session."""
 
+OWNER = """
+import json, sys, threading
+import zenoh
+from eal_actors.wire.engine_exit import start_thread
+from eal_actors.wire.session import probe_config
+is_open = threading.Event()
+def own():
+    session = zenoh.open(zenoh.Config.from_json5(json.dumps(probe_config(sys.argv[1]))))
+    is_open.set()
+start_thread(own, "owner")
+assert is_open.wait(30)
+"""
+"""Its thread ends with the program, and frees its session then: without a Python frame of its own."""
+
 USER = """
 import os, signal, sys, threading
 from eal_actors import EALError, Fleet
@@ -95,6 +109,14 @@ def test_a_session_that_still_receives_does_not_abort_the_program_at_its_end() -
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with ticking(endpoint):
         programs = [run(LISTENER, endpoint) for _ in range(3)]
+        assert [outcome(program) for program in programs] == [(0, "")] * 3
+
+
+def test_a_thread_that_frees_its_session_at_the_end_does_not_abort_the_program() -> None:
+    """Every such program ended with SIGABRT as long as the end looked at the frames of threads only."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with ticking(endpoint):
+        programs = [run(OWNER, endpoint) for _ in range(3)]
         assert [outcome(program) for program in programs] == [(0, "")] * 3
 
 

@@ -25,7 +25,6 @@ import contextlib
 import os
 import select
 import socket
-import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -34,6 +33,7 @@ from typing import Final
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.log import get_logger
 from eal_actors.kernel.posix import HAS_LIMITS, resource
+from eal_actors.wire.engine_exit import start_thread
 from eal_actors.wire.own_sockets import OPEN_FILES, is_listening, tcp_sockets
 from eal_actors.wire.security.packet_filter import (
     MAX_ADDRESSES,
@@ -176,8 +176,7 @@ class AcceptGuard:
         for listener in listeners:
             listener.listen(most // _QUEUE_SHARE)
             self._poll.register(listener, select.EPOLLIN | select.EPOLLET)
-        self._thread = threading.Thread(target=self._run, name="eal-net-guard", daemon=True)
-        self._thread.start()
+        self._thread = start_thread(self._run, "eal-net-guard")
 
     def close(self) -> None:
         """End the guard. Thread: blocks the caller for a moment."""

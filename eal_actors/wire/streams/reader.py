@@ -110,7 +110,7 @@ class RemoteFeeds:
         self._channel.request(keys.STREAM, arguments, LEASE_S, subscription.on_answer, subscription.resource)
 
     def _receive(self, subscription: _Subscription, _: str, sample: zenoh.Sample) -> None:
-        """Pass an encoded frame to the feeds; readers decode it. Thread: zenoh's.
+        """Pass an encoded frame to the feeds; readers decode it. Thread: a reader's.
 
         A payload in shared memory is taken out at once, since nobody may read this frame.
         """

@@ -10,14 +10,14 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Final
 
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
-from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError, error_text
-from eal_actors.kernel.log import get_logger
+from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import CallHeader, CallReply, decode_reply, encode_call
 from eal_actors.wire.format.packing import check_version
 from eal_actors.wire.format.parts import fits, split
 from eal_actors.wire.session import controller_config, open_session
+from eal_actors.wire.transport import Transport
 
 if TYPE_CHECKING:
     import zenoh
@@ -89,19 +89,15 @@ class _Broadcast:
 
     def run(self, session: zenoh.Session, timeout_s: float) -> None:
         """Call every robot until each has answered or the time is over."""
-        import zenoh
-
         end_s = REAL_TIME.now() + timeout_s
-        callback = zenoh.handlers.Callback
         answers = keys.answer_keys(self._config.network_name, self._caller, self._secret)
-        session.declare_subscriber(answers, callback(self._on_answer, indirect=False))
-        session.liveliness().declare_subscriber(
-            keys.alive_keys(self._config.network_name), callback(self._on_liveliness, indirect=False), history=True
-        )
+        transport = Transport(session)
+        transport.receive(answers, "broadcast answers", self._on_answer)
+        transport.receive_tokens(keys.alive_keys(self._config.network_name), "broadcast presence", self._on_liveliness)
         while self._ask_at_s and (now_s := REAL_TIME.now()) < end_s:
             for robot, ask_at_s in self._ask_at_s.items():
                 if ask_at_s <= now_s:
-                    self._ask(session, robot, end_s - now_s)
+                    self._ask(transport, robot, end_s - now_s)
                     self._ask_at_s[robot] = now_s + _RETRY_S
             next_s = min(end_s, *self._ask_at_s.values())
             if not self._inbox:
@@ -112,46 +108,34 @@ class _Broadcast:
             reason = f"did not answer within {timeout_s:g} s at {address}, or does not grant this"
             self._on_result(robot, UnavailableError(reason, robot=robot))
 
-    def _ask(self, session: zenoh.Session, robot: str, left_s: float) -> None:
-        import zenoh
-
+    def _ask(self, transport: Transport, robot: str, left_s: float) -> None:
         self._sequence += 1
         header = CallHeader(self._client, 0, self._sequence, left_s, left_s, None, self._arguments)
         envelope, payload = encode_call(header)
         key = keys.CallKey(self._config.network_name, robot, keys.ROBOT, self._method, self._caller, self._secret)
         messages = [(envelope, payload)] if fits(envelope, payload) else split(self._sequence, envelope, payload)
-        try:
-            for attachment, content in messages:
-                session.put(
-                    keys.call_key(key),
-                    content,
-                    priority=zenoh.Priority.REAL_TIME,
-                    congestion_control=zenoh.CongestionControl.BLOCK,
-                    express=True,
-                    attachment=attachment,
-                )
-        except zenoh.ZError as error:
-            get_logger(robot=robot).debug("a call could not be sent", reason=error_text(error))
+        for attachment, content in messages:
+            transport.put(keys.call_key(key), attachment, content, is_urgent=True)
 
-    # Messages, in zenoh's threads.
+    # Messages, in the readers' threads.
 
-    def _on_answer(self, sample: zenoh.Sample) -> None:
+    def _on_answer(self, key: str, sample: zenoh.Sample) -> None:
         attachment = sample.attachment
         try:
             reply = decode_reply(attachment.to_bytes() if attachment is not None else b"", sample.payload.to_bytes())
         except ProtocolError as error:
             reply = CallReply(0, error)
         with contextlib.suppress(ProtocolError):
-            _, robot = keys.parse_robot(str(sample.key_expr))
+            _, robot = keys.parse_robot(key)
             self._enqueue(robot, reply)
 
-    def _on_liveliness(self, sample: zenoh.Sample) -> None:
+    def _on_liveliness(self, key: str, sample: zenoh.Sample) -> None:
         import zenoh
 
         if sample.kind != zenoh.SampleKind.PUT:
             return
         with contextlib.suppress(ProtocolError):
-            _, robot, version = keys.parse_alive(str(sample.key_expr))
+            _, robot, version = keys.parse_alive(key)
             try:
                 check_version(version, "its heartbeat")
             except ProtocolError as error:

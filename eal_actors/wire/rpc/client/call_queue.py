@@ -265,7 +265,7 @@ class CallQueue(UrgentMessage):
         real_s = self._channel.clock.to_real(fleet_s)
         return real_s + self._channel.clock_tracker.offset(real_s).offset_s
 
-    # Replies and events. Thread: zenoh's.
+    # Replies and events. Thread: a reader's.
 
     def receive_reply(self, envelope: bytes, payload: bytes) -> None:
         """Handle a reply, and keep the robot's clock for the next stamp."""

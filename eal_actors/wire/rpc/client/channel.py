@@ -83,7 +83,7 @@ class Channel:
             get_logger(robot=self.name).debug("the connection has ended; an action is discarded")
 
     def call(self, method: str, arguments: tuple[str | int, ...], timeout_s: float, read: ReadReply[T]) -> Future[T]:
-        """Call a method of the robot itself; `read` makes the future's value of the answer, in zenoh's thread.
+        """Call a method of the robot itself; `read` makes the future's value of the answer, in the reader's thread.
 
         The future fails with the robot's error, with AccessDeniedError if the robot does not grant the method, and
         with UnavailableError if no reply arrives.
@@ -133,7 +133,7 @@ class Channel:
         on_failure: Callable[[], None],
         resource: str = keys.ROBOT,
     ) -> None:
-        """Send a call; one callback runs in zenoh's thread, or at once if the call is refused."""
+        """Send a call; one callback runs in the reader's thread, or at once if the call is refused."""
         controller, stamper = self.controller, self.stamper
         try:
             if self.rights is not None:
@@ -160,7 +160,7 @@ class _Request(UrgentMessage):
         channel: the robot's channel.
         key: key of the call.
         header: header of the call; its time to live is the time-out of the reply.
-        on_answer: called with the answer, in zenoh's thread.
+        on_answer: called with the answer, in the reader's thread.
         on_failure: called if there is no answer, in any thread.
         is_urgent: whether it overtakes queued messages.
     """

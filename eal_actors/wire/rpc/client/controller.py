@@ -56,10 +56,10 @@ class RobotListener(NamedTuple):
 
     Attributes:
         name: the robot's name.
-        on_alive: its liveliness token appeared; called with its protocol version. Thread: zenoh's.
-        on_gone: its token disappeared; called with the reason. Thread: zenoh's.
-        on_reply: a reply arrived; called with its envelope and its payload. Thread: zenoh's.
-        on_event: an event arrived; raises ProtocolError if that is malformed. Thread: zenoh's.
+        on_alive: its liveliness token appeared; called with its protocol version. Thread: a reader's.
+        on_gone: its token disappeared; called with the reason. Thread: a reader's.
+        on_reply: a reply arrived; called with its envelope and its payload. Thread: a reader's.
+        on_event: an event arrived; raises ProtocolError if that is malformed. Thread: a reader's.
         on_tick: called every 0.25 s with the real time. Thread: the controller's.
     """
 
@@ -87,7 +87,8 @@ class Controller(EALActor):
         foreign: the robots of other fleets that answer, in a fleet without security.
         sharing: whether memory is shared with robots on this machine.
 
-    Thread: an actor, which opens the session and sends the heartbeat. zenoh's threads run the listeners' callbacks.
+    Thread: an actor, which opens the session and sends the heartbeat. The readers' threads run the
+        listeners' callbacks.
     """
 
     def __init__(self, config: FleetConfig, clock: Clock, robots: Iterable[str] | None = None) -> None:
@@ -141,7 +142,7 @@ class Controller(EALActor):
         self.timekeeper.call_later(self.clock.of_real(_BYPASS_S), message.bypass)
 
     def run_later(self, action: Callable[[], None]) -> None:
-        """Run callbacks of a reply outside zenoh's threads. Thread: any; does not block."""
+        """Run callbacks of a reply outside the readers' threads. Thread: any; does not block."""
         try:
             self._callbacks.actor_inbox.call_soon(action)
         except EALError:  # the network is closed, so no thread is blocked
@@ -157,8 +158,6 @@ class Controller(EALActor):
 
     def _open(self) -> None:
         """Open the session; may take seconds if a router does not answer."""
-        import zenoh
-
         try:
             session = self._stack.enter_context(open_session(self._network))
         except EALError as error:
@@ -170,11 +169,8 @@ class Controller(EALActor):
         answers = keys.answer_keys(self.fleet, self._caller, self._secret)
         transport.receive(answers, f"{self.fleet} answers", self._on_answer)
         transport.receive(keys.event_key(self.fleet, None), f"{self.fleet} events", self._on_event)
-        session.liveliness().declare_subscriber(
-            keys.ALL_ALIVE if self.certificate is None else keys.alive_keys(self.fleet),
-            zenoh.handlers.Callback(self._on_liveliness, indirect=False),
-            history=True,
-        )
+        tokens = keys.ALL_ALIVE if self.certificate is None else keys.alive_keys(self.fleet)
+        transport.receive_tokens(tokens, f"{self.fleet} presence", self._on_liveliness)
         self._send_heartbeat(transport)
 
     def _follow_keys(self) -> None:
@@ -319,13 +315,13 @@ class Controller(EALActor):
             is_sent = all(transport.put(key, *part, is_urgent=is_urgent, is_last=is_last) for part in split)
         return is_sent and self._versions.get(robot) == PROTOCOL_VERSION  # it may have gone before the call was pending
 
-    # Messages, in zenoh's threads.
+    # Messages, in the readers' threads.
 
-    def _on_liveliness(self, sample: zenoh.Sample) -> None:
+    def _on_liveliness(self, key: str, sample: zenoh.Sample) -> None:
         import zenoh
 
         try:
-            fleet, name, version = keys.parse_alive(str(sample.key_expr))
+            fleet, name, version = keys.parse_alive(key)
         except ProtocolError:
             return
         is_alive = sample.kind == zenoh.SampleKind.PUT

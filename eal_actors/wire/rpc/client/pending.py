@@ -15,7 +15,7 @@ from eal_actors.wire.format.messages import Answer, CallId, RobotTime
 
 
 class PendingCall(Protocol):
-    """Call that waits for a reply. One of its three methods is called, once; none may block zenoh's threads."""
+    """Call that waits for a reply. One of its three methods is called, once; none may block the readers' threads."""
 
     @property
     def end_s(self) -> float:
@@ -23,7 +23,7 @@ class PendingCall(Protocol):
         ...
 
     def answered(self, answer: Answer, time: RobotTime | None) -> None:
-        """Handle the answer and, if included, the robot's clock. Thread: zenoh's."""
+        """Handle the answer and, if included, the robot's clock. Thread: a reader's."""
         ...
 
     def lost(self) -> None:

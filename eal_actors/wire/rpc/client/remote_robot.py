@@ -61,7 +61,7 @@ _HELLO_RETRY_S: Final = 0.5
 class RemoteRobot(EALActor):
     """Connection to one remote robot; implements RobotConnection.
 
-    Thread: an actor; zenoh's threads only queue actions in its mailbox.
+    Thread: an actor; the readers' threads only queue actions in its mailbox.
     """
 
     is_remote = True
@@ -111,7 +111,7 @@ class RemoteRobot(EALActor):
             self._note_lost(f"does not answer at {self.spec.address}{what}; the connection is retried")
         self.view.started.set(None)
 
-    # Callbacks of the controller, in zenoh's threads.
+    # Callbacks of the controller, in the readers' threads.
 
     def _on_alive(self, version: int) -> None:
         self._channel.run_soon(lambda: self._check_version(version))

@@ -182,7 +182,7 @@ class RobotHost(EALActor):
             server.tick()
         self.actor_inbox.call_later(self._period_s, self._tick)
 
-    # Messages, in zenoh's threads.
+    # Messages, in the readers' threads.
 
     def _is_ignored(self, caller: str) -> bool:
         """Return whether a caller's messages are ignored.

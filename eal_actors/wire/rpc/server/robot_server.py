@@ -207,7 +207,7 @@ class RobotServer:
             self._publish(event, is_vital=False)
 
     def receive_heartbeat(self, caller: str, beat: Heartbeat) -> None:
-        """Note a controller's heartbeat and display name. Thread: zenoh's; does not block."""
+        """Note a controller's heartbeat and display name. Thread: a reader's; does not block."""
         self._admission.heard(beat.client)
         self._admission.names.note(beat.client, caller, beat.name)
 
@@ -220,7 +220,7 @@ class RobotServer:
             fields = {"resource": silent.resource, "client": silent.client}
             self._publish(RobotEvent("dead_man", REAL_TIME.now(), fields=fields))
 
-    # Calls of controllers, in zenoh's threads.
+    # Calls of controllers, in the readers' threads.
 
     def receive(
         self, route: keys.CallRoute, envelope: bytes, payload: Payload, batch: ReplyBatch | None = None
