@@ -109,15 +109,18 @@ def _calibrated(robot: RobotHandle) -> tuple[SquareEnds, SquareEnds]:
 def draw_panorama(out: Path) -> None:
     """Draw what a robot's eight frames of the laboratory become, at half size."""
     robots = {"eye": {"model": "evbot2", "start": (0.3, -0.2, 0)}}
-    with TemporaryDirectory() as folder, Simulation(robots, "lab", seed=SEED) as simulation:
-        report = run_scenario(ROOT / "scenarios/panorama.yaml", simulation.fleet, directory=Path(folder))
-        if report.outcome != "done":
-            raise RuntimeError(f"panorama: {report.error}")
-        image = cv2.imread(f"{folder}/eye/panorama.png")
-    if image is None:
-        raise RuntimeError("panorama: no picture")
-    height, width, _ = image.shape
-    cv2.imwrite(str(out), cv2.resize(image, (width // 2, height // 2), interpolation=cv2.INTER_AREA))
+    with Simulation(robots, "lab", seed=SEED) as simulation:
+        draw_picture_of(simulation, "panorama", "eye/panorama.png", out)
+
+
+def draw_picture_of(simulation: Simulation, scenario: str, picture: str, out: Path) -> None:
+    """Run a shipped scenario, and draw a picture that it writes, at half size."""
+    with TemporaryDirectory() as folder:
+        report = run_scenario(ROOT / f"scenarios/{scenario}.yaml", simulation.fleet, directory=Path(folder))
+        image = cv2.imread(f"{folder}/{picture}")
+    if report.outcome != "done" or image is None:
+        raise RuntimeError(f"{scenario}: {report.error or 'no picture'}")
+    cv2.imwrite(str(out), cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
 
 
 def draw_survey(out: Path) -> None:
@@ -147,14 +150,8 @@ def draw_ballet(out: Path) -> None:
 
 def draw_patrol(out: Path) -> None:
     """Draw what a guard saw at one place in two laps, and what has changed there, at half size."""
-    with TemporaryDirectory() as folder, Simulation(ROOT / "fleets/patrol.yaml") as simulation:
-        report = run_scenario(ROOT / "scenarios/patrol-visit.yaml", simulation.fleet, directory=Path(folder))
-        if report.outcome != "done":
-            raise RuntimeError(f"patrol-visit: {report.error}")
-        image = cv2.imread(f"{folder}/evbot3-2/changed.1.northeast.png")
-    if image is None:
-        raise RuntimeError("patrol-visit: no picture")
-    cv2.imwrite(str(out), cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
+    with Simulation(ROOT / "fleets/patrol.yaml") as simulation:
+        draw_picture_of(simulation, "patrol-visit", "evbot3-2/changed.1.northeast.png", out)
 
 
 def draw_sweep(out: Path) -> None:

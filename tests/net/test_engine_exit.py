@@ -8,6 +8,7 @@ import sys
 import threading
 from collections import Counter
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -89,19 +90,21 @@ def outcome(process: subprocess.Popen[str]) -> tuple[int, str]:
 def ticking(endpoint: str) -> Iterator[None]:
     """Send messages through a router for the length of a `with` block, as fast as their receivers take them."""
     ends = threading.Event()
-    with open_session(router_config([endpoint])), open_session(probe_config(endpoint)) as session:
+    with (
+        open_session(router_config([endpoint])),
+        open_session(probe_config(endpoint)) as session,
+        ThreadPoolExecutor(1) as sender,
+    ):
 
         def send() -> None:
             while not ends.wait(0.001):
                 session.put("eal/ticks", b"tick", congestion_control=zenoh.CongestionControl.DROP)
 
-        sender = threading.Thread(target=send)
-        sender.start()
+        sender.submit(send)
         try:
             yield
         finally:
             ends.set()
-            sender.join()
 
 
 def test_a_session_that_still_receives_does_not_abort_the_program_at_its_end() -> None:

@@ -10,7 +10,8 @@ import ssl
 import threading
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
@@ -96,14 +97,12 @@ def strangers(port: int, count: int, sources: Sequence[str] = ("127.0.0.1",)) ->
             crowd.talk(sent)
             sent += 1
 
-    attacker = threading.Thread(target=attack)
-    attacker.start()
-    try:
-        yield
-    finally:
-        ends.set()
-        attacker.join(WAIT_S)
-        crowd.close()
+    with closing(crowd), ThreadPoolExecutor(1) as attacker:
+        attacker.submit(attack)
+        try:
+            yield
+        finally:
+            ends.set()
 
 
 @contextmanager

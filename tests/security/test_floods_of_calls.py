@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -50,12 +50,10 @@ def flood(client: RawClient, resource: str, method: str, *arguments: str | int) 
                 client.put(resource, method, envelope)
             REAL_TIME.sleep(_PAUSE_S)
 
-    sender = threading.Thread(target=send)
-    sender.start()
-    try:
+    with ThreadPoolExecutor(1) as sender:
+        sent = sender.submit(send)
         yield
-    finally:
-        sender.join()
+        sent.result()
 
 
 def test_handshakes_of_an_observer_delay_no_dead_mans_switch(tmp_path: Path, keys_folder: Path) -> None:
