@@ -224,15 +224,15 @@ class Future(pykka.Future[T]):
             else:
                 self._waiters.append(waiter)
         remaining = None
-        while not self._done:
-            if limit is not None and (remaining := limit - clock.now()) <= 0:
-                break
-            try:
+        try:
+            while limit is None or (remaining := limit - clock.now()) > 0:
                 wait_in_scope(clock, waiter, remaining)
-            except CallCancelledError:
-                self._remove_waiter(waiter)
-                self.cancel()
-                raise
+                if self._done:
+                    return
+        except CallCancelledError:
+            self._remove_waiter(waiter)
+            self.cancel()
+            raise
         if self._done:
             return
         self._remove_waiter(waiter)

@@ -231,9 +231,10 @@ class Resource:
             ArgumentError: no such command, or a bad argument.
             UnsupportedError: the resource has no commands.
         """
-        if not self.info().commands:
+        own = self.info()
+        if not own.commands:
             raise self._unsupported("send_cmd")
-        info, argument = self.info().parse_command(cmd, data)
+        info, argument = own.parse_command(cmd, data)
         handler = self._handler("command", info.name)
         return handler() if argument is None else handler(argument.value)
 

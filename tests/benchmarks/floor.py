@@ -3,8 +3,9 @@
 Run as `python -m tests.benchmarks.floor [--page PAGE]`. Every step uses the engine as the project does: its threads,
 keys and publishers. Each step adds what the next one needs: two publications of the engine; a thread for the resource
 and one for the caller, as actors and futures need them; the packed fields of a call and its reply, numbered, so that
-several callers share a link. What the last row adds keeps the promises: admission, deadlines, leases, receipts, times,
-and a bounded mailbox. All processes share one core, and each step is measured in turn with raw TCP, round by round.
+several callers share a link; the least program that keeps the promises (tests/benchmarks/least.py): admission,
+deadlines, leases, receipts, times, and a bounded mailbox. The last row's distance to that is what the rest of the
+project costs. All processes share one core, and each step is measured in turn with raw TCP, round by round.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NoReturn
 
 import msgpack
 import zenoh
@@ -29,6 +30,7 @@ from eal_actors import Fleet
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.wire.engine_threads import share_threads
 from eal_actors.wire.format import keys
+from tests.benchmarks.least import LeastController, LeastRobot
 from tests.benchmarks.network_host import fleet_of
 from tests.benchmarks.page import machine, write_between
 from tests.benchmarks.peers.engine import session
@@ -42,14 +44,19 @@ CALL: Final = [10, bytes(16), 1, 1, 1.0, 5.0, None, [], None]
 FLEET, ROBOT, SECRET = "crowd", "bot1", "0" * 32
 _CALL_TO: Final = keys.CallKey(FLEET, ROBOT, "Lamp", "get_value", keys.ANYBODY, SECRET)
 CALL_KEY, ANSWER = keys.call_key(_CALL_TO), keys.answer_key(_CALL_TO)
+COMMAND_KEY: Final = keys.call_key(_CALL_TO._replace(method="send_cmd"))
 ANSWERS: Final = keys.answer_keys(FLEET, keys.ANYBODY, SECRET)
 ROUNDS, CALLS = 15, 200
-PUBLISHED, THREADS, PACKED, OURS = "published", "threads", "packed", "ours"
+PUBLISHED, THREADS, PACKED, LEAST, OURS = "published", "threads", "packed", "least", "ours"
+LEAST_COMMAND, OUR_COMMAND = "least command", "our command"
 STEPS: Final = {
     PUBLISHED: "two publications, the caller reads its answer itself",
     THREADS: "and a thread for the resource, one for the answers",
     PACKED: "and the fields of both messages, packed, numbered and checked",
-    OURS: "this project: and all that its promises need",
+    LEAST: "and the promises, in the least program that keeps them",
+    OURS: "this project",
+    LEAST_COMMAND: "a command instead, in the least program",
+    OUR_COMMAND: "a command in this project",
 }
 
 
@@ -79,6 +86,10 @@ def serve(step: str, port: int) -> None:
     """Answer the calls of one step until the standard input ends."""
     opened = session(port, listens=True)
     answers = _publisher(opened, ANSWER)
+    if step == LEAST:
+        opened.declare_keyexpr(COMMAND_KEY)
+        _follow(opened, keys.call_keys(FLEET, ROBOT), CALL_KEY, LeastRobot(answers).receive)
+        _stay()
     mailbox: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
 
     def answer(envelope: bytes | None) -> None:
@@ -103,6 +114,11 @@ def serve(step: str, port: int) -> None:
 
     threading.Thread(target=work, daemon=True).start()
     _follow(opened, keys.call_keys(FLEET, ROBOT), CALL_KEY, receive)
+    _stay()
+
+
+def _stay() -> NoReturn:
+    """Serve until the standard input ends."""
     sys.stdout.write("up\n")
     sys.stdout.flush()
     sys.stdin.read()
@@ -119,9 +135,11 @@ class Caller:
         self._pending: dict[int, tuple[threading.Lock, list[Any]]] = {}
         if step == PUBLISHED:
             self._answers = _subscriber(self._opened, ANSWERS, ANSWER)
-        else:
-            _follow(self._opened, ANSWERS, ANSWER, self._receive)
-        self.get = {PUBLISHED: self._read, THREADS: self._wait, PACKED: self._call}[step]
+        least = LeastController(self._calls, _publisher(self._opened, COMMAND_KEY))
+        if step != PUBLISHED:
+            _follow(self._opened, ANSWERS, ANSWER, least.receive if step == LEAST else self._receive)
+        self.get = {PUBLISHED: self._read, THREADS: self._wait, PACKED: self._call, LEAST: least.read}[step]
+        self.command = least.command
 
     def _read(self) -> None:
         self._calls.put(b"")
@@ -174,15 +192,17 @@ def measure(rounds: int, calls: int) -> dict[str, list[float]]:
         raw = TcpClient(ports["raw TCP"])
         stack.callback(raw.close)
         steps: dict[str, Callable[[], object]] = {}
-        for step in (PUBLISHED, THREADS, PACKED):
+        for step in (PUBLISHED, THREADS, PACKED, LEAST):
             started("tests.benchmarks.floor", "--serve", step, str(ports[step]))
             caller = Caller(step, ports[step])
             stack.callback(caller.close)
             caller.find()
             steps[step] = caller.get
+        steps[LEAST_COMMAND] = caller.command
         started("tests.benchmarks.network_host", "1", str(ports[OURS]))
         lamp = stack.enter_context(Fleet(fleet_of(1, ports[OURS])))["bot1"]["Lamp"]
         steps[OURS] = lambda: lamp.get_value().get()
+        steps[OUR_COMMAND] = lambda: lamp.send_cmd("on").get()
         for call in (raw.get, *steps.values()):
             for _ in range(calls):
                 call()
@@ -197,7 +217,8 @@ def measure(rounds: int, calls: int) -> dict[str, list[float]]:
 def table(ratios: dict[str, list[float]]) -> str:
     """Return the steps in Markdown."""
     lines = ["| a reading of 24 bytes, one caller | times raw TCP | best and worst round |", "|---|---|---|"]
-    for step, values in ratios.items():
+    for step in STEPS:
+        values = ratios[step]
         middle = statistics.median(values)
         lines.append(f"| {STEPS[step]} | {middle:.1f} | {min(values):.1f} to {max(values):.1f} |")
     return "\n".join([*lines, "", f"{machine()}; eclipse-zenoh {version('eclipse-zenoh')}."])

@@ -39,6 +39,12 @@ Payload = bytes | memoryview
 Stored = tuple[Any, Payload | None, int, tuple[int, ...] | None]
 """The content of an EALData: value, payload, length and shape; value or payload may be None until it is needed."""
 _SCALARS: Final = {c_type.code: struct.Struct(f"<{c_type.code}") for c_type in C_TYPES.values()}
+PLAIN_NUMBERS: Final = {
+    c_type.full_name: _SCALARS[c_type.code].unpack
+    for c_type in C_TYPES.values()
+    if not c_type.is_ptr and c_type.code not in "cs?"
+}
+"""By its C type, what reads a number that is no array; any bytes of the right length are one."""
 
 
 def infer(value: Any) -> tuple[CType, Any]:

@@ -37,6 +37,7 @@ from eal_actors.device.data.c_types import (
 )
 from eal_actors.device.data.pictures import is_picture, picture_png
 from eal_actors.device.data.storage import (
+    PLAIN_NUMBERS,
     Payload,
     Stored,
     as_array,
@@ -177,8 +178,11 @@ class EALData:
         stamp_s: float | None = None,
     ) -> EALData:
         """Rebuild an EALData from its bytes like `from_payload`, with its type from the table; raises the same."""
-        view = payload if type(payload) is bytes else as_bytes(payload)
         self = cls.__new__(cls)
+        number = PLAIN_NUMBERS.get(c_type.full_name) if shape is None and dtype is None else None
+        if number is not None and type(payload) is bytes and len(payload) == c_type.width:  # the most frequent values
+            return self._fill(c_type, (number(payload)[0], payload, c_type.width, None), unit, frame_id, stamp_s)
+        view = payload if type(payload) is bytes else as_bytes(payload)
         if c_type.code == "?" and bytes(view).strip(b"\0\1"):
             raise DataError("payload: a bool is 0 or 1, other bytes have no meaning")
         if shape is None and dtype is None:

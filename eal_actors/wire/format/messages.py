@@ -58,6 +58,7 @@ _READING: Final = int, bytes, int, int, float, float, type(None), list, type(Non
 _COMMAND: Final = *_READING, str, float, float
 _USUAL_CALLS: Final = frozenset({_READING, _COMMAND, (*_COMMAND, bool)})
 """Types of the fields of the usual calls; only their numbers and arguments need a further check."""
+_ARGUMENTS: Final = frozenset({str, int})
 _USUAL_REPLIES: Final = frozenset({(int, int, int, list, str, float), (int, int, int, int, str, float)})
 """The same of the usual replies: a value or an error, and a status."""
 
@@ -223,13 +224,12 @@ def decode_call(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> tuple[CallHe
 def _header_of(row: list[Any], payload: Buffer) -> tuple[CallHeader, EALData | None]:
     """Return the header and the value of a call whose fields have the right types."""
     version, client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, about, *echo = row
-    is_plain = math.isfinite(sum(echo[1:3], ttl_s + deadline_s))
+    is_plain = math.isfinite(sum(echo[1:3], ttl_s + deadline_s)) and len(client) == CLIENT_BYTES
     if version != PROTOCOL_VERSION or epoch < 0 or sequence < 0 or not is_plain or (echo and len(echo[0]) > MAX_WORD):
         _checked_call(row)
-    for item in arguments:
-        if type(item) is not str and type(item) is not int:
-            raise ProtocolError(f"call: arguments {short_repr(arguments)} are not a list of texts and ints")
-    about_call = checked_client(client, "call"), epoch, sequence, ttl_s, deadline_s, start_s, tuple(arguments), *echo
+    if not _ARGUMENTS.issuperset(map(type, arguments)):
+        raise ProtocolError(f"call: arguments {short_repr(arguments)} are not a list of texts and ints")
+    about_call = hexadecimal(client), epoch, sequence, ttl_s, deadline_s, start_s, tuple(arguments), *echo
     header = tuple.__new__(CallHeader, about_call + _NO_ECHO[len(echo) :])  # CallHeader() takes several times as long
     return header, None if about is None and not payload else optional_data_from(about, payload, "call")
 

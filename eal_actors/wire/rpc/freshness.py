@@ -141,8 +141,9 @@ class Stamper:
         """
         if self._era is None:
             raise UnavailableError("the robot has not answered yet: without its clock no command can be sent")
-        call = CallId(self.client, self.epoch, self.number())
-        return Stamp(call, ttl_s, self._era, self._echo_s, now_s - self._came_s)
+        new = tuple.__new__  # CallId() and Stamp() take several times as long
+        call = new(CallId, (self.client, self.epoch, self.number()))
+        return new(Stamp, (call, ttl_s, self._era, self._echo_s, now_s - self._came_s))
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,23 +230,23 @@ class CommandHistory(Generic[T]):
         Raises:
             StaleCommandError: it is too old, was overtaken, or was accepted before. Nothing changes.
         """
-        sent_s = stamp.sent_s
-        if stamp.era != self.era or not -_ROUNDING_S <= now_s - sent_s <= stamp.ttl_s:
+        call, ttl_s, era, echo_s, held_s = stamp
+        sent_s = echo_s + held_s * (1 - MAX_DRIFT)  # as Stamp.sent_s
+        if era != self.era or not -_ROUNDING_S <= now_s - sent_s <= ttl_s:
             self._refuse(stamp, resource, now_s - sent_s)
-        client, epoch, sequence = stamp.call
+        client, epoch, sequence = call
         history = self._clients.get(client)
         if history is None:
             history = _ClientHistory[T](self._sent_after_s, epoch, number=sequence)
-        _check_order(history, stamp, resource, sent_s)
-        if epoch > history.epoch:
-            _check_advance("epoch", history.epoch, epoch, now_s - history.heard_s)
-        if sequence > history.number:
-            if sequence - history.number > _AT_ONCE["sequence"]:
-                _check_advance("sequence", history.number, sequence, now_s - history.heard_s)
+        ahead = sequence - history.number
+        if not (epoch == history.epoch and 0 < ahead <= _AT_ONCE["sequence"] and sent_s > history.sent_after_s):
+            self._check_unusual(history, stamp, resource, now_s)
+        # The usual command is the client's newest call of all, so it was neither accepted before nor overtaken.
+        if ahead > 0:
             history.number = sequence
-        self._note(history, client, epoch, max(now_s, sent_s))
+        self._note(history, client, epoch, now_s if now_s >= sent_s else sent_s)
         history.latest[resource] = sequence
-        history.running.add(stamp.call)
+        history.running.add(call)
         return sent_s
 
     def finish(self, call: CallId, outcome: T) -> None:
@@ -287,6 +288,15 @@ class CommandHistory(Generic[T]):
             return CommandRecord(False)
         return CommandRecord(True, history.outcomes[call]) if call in history.outcomes else None
 
+    def _check_unusual(self, history: _ClientHistory[T], stamp: Stamp, resource: str, now_s: float) -> None:
+        """Raise StaleCommandError for a command that was accepted, overtaken or sent too early, or has a wrong number."""
+        _, epoch, sequence = stamp.call
+        _check_order(history, stamp, resource, stamp.sent_s)
+        if epoch > history.epoch:
+            _check_advance("epoch", history.epoch, epoch, now_s - history.heard_s)
+        if sequence > history.number:
+            _check_advance("sequence", history.number, sequence, now_s - history.heard_s)
+
     def _refuse(self, stamp: Stamp, resource: str, age_s: float) -> NoReturn:
         """Raise StaleCommandError for a command of another run or of a wrong age."""
         if stamp.era != self.era:
@@ -304,10 +314,12 @@ class CommandHistory(Generic[T]):
         if epoch > history.epoch:
             history.epoch = epoch
             history.latest.clear()
-        history.heard_s = max(history.heard_s, heard_s)
-        self._clients[client] = history
-        self._clients.move_to_end(client)
-        if len(self._clients) > self._max_clients:
+        if heard_s > history.heard_s:
+            history.heard_s = heard_s
+        clients = self._clients
+        clients[client] = history
+        clients.move_to_end(client)
+        if len(clients) > self._max_clients:
             self._forget_one()
 
     def _forget_one(self) -> None:

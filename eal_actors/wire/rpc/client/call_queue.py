@@ -67,6 +67,7 @@ class CallQueue(UrgentMessage):
 
     def __init__(self, channel: Channel, capacity: int) -> None:
         self._channel = channel
+        self._name = channel.name
         self._controller = channel.controller
         self._second = channel.clock.of_real(1.0)
         self._is_proven = channel.controller.certificate is not None
@@ -106,7 +107,8 @@ class CallQueue(UrgentMessage):
                 raise BusyError(f"{self._capacity} calls are pending already")
             unanswered.add(envelope)
             is_alone = not (self._normal or self._urgent or sender.unsent or sender.has_crowd or self.window.calls)
-            sends = is_alone and is_small(envelope) and self._sending.acquire(blocking=False)
+            is_brief = is_alone and (not envelope.arguments or is_small(envelope))
+            sends = is_brief and self._sending.acquire(blocking=False)
             if not sends:
                 self._normal.append(envelope)
         if not sends:
@@ -179,7 +181,12 @@ class CallQueue(UrgentMessage):
             if call.stops:
                 self._send(call)
             elif (encoded := self._encode(call)) is not None:
-                self._controller.sender.gather(encoded, is_last=is_last)
+                # Access control checks the key alone, so calls with other keys are not put behind it.
+                process, key = self._channel.process, encoded[2]
+                group = key if self._is_proven and process else process
+                # Named tuples are made by tuple.__new__ here: their own takes several times as long.
+                about = self._name, call.cell.name, call.method, *encoded, group, self._channel.pending
+                self._sender.gather(tuple.__new__(EncodedCall, about), is_last=is_last)
 
     @override
     def bypass(self) -> None:
@@ -196,12 +203,12 @@ class CallQueue(UrgentMessage):
         """Send a call in a message of its own. Thread: one that may wait for a link, unless the call is small."""
         encoded = self._encode(call)
         if encoded is not None:
-            robot, _, _, envelope, payload, key, *_ = encoded
-            if not self._controller.put(robot, key, envelope, payload, is_urgent=call.stops):
+            envelope, payload, key = encoded
+            if not self._controller.put(self._name, key, envelope, payload, is_urgent=call.stops):
                 self._channel.pending.lose_all()
 
-    def _encode(self, call: Call[Any]) -> EncodedCall | None:
-        """Encode a call, and wait for its reply from now on; None if it is over."""
+    def _encode(self, call: Call[Any]) -> tuple[bytes, Payload, str] | None:
+        """Return a call's envelope, payload and key, and wait for its reply from now on; None if it is over."""
         channel, name, method, span = self._channel, call.cell.name, call.method, call.span
         left_s = self._left_s(call)
         if not call.stops and (left_s <= 0 or call.done()):
@@ -232,11 +239,8 @@ class CallQueue(UrgentMessage):
         self.window.calls.add(call)
         key = self._keys.get((name, method))
         if key is None:
-            key = self._keys[name, method] = self._controller.call_key(channel.name, name, method)
-        # Access control checks the key alone, so calls with other keys are not put behind it.
-        group = key if self._is_proven and channel.process else channel.process
-        encoded = channel.name, name, method, envelope, payload, key, group, channel.pending
-        return tuple.__new__(EncodedCall, encoded)  # a named tuple's own __new__ takes several times as long
+            key = self._keys[name, method] = self._controller.call_key(self._name, name, method)
+        return envelope, payload, key
 
     def _left_s(self, call: Call[Any]) -> float:
         """Return the real seconds until a call's deadline; a late stop is still a stop."""

@@ -93,10 +93,15 @@ class Leases:
 
     def renew(self, client: str, now_s: float) -> None:
         """Renew every lease of the client that has not ended, on its heartbeat."""
-        for resource in list(self._leases):
-            lease = self._live(resource, now_s)
-            if lease is not None and lease.holder == client:
+        dead_man_s, ended = self.dead_man_s, None
+        for resource, lease in self._leases.items():
+            if now_s >= lease.heard_s + dead_man_s:
+                ended = [resource] if ended is None else [*ended, resource]
+            elif lease.holder == client:
                 lease.heard_s = now_s
+        if ended is not None:
+            for resource in ended:
+                del self._leases[resource]
 
     def release(self, client: str, resource: str) -> None:
         """End a lease; ignored if the client does not hold it."""
