@@ -49,7 +49,7 @@ from eal_actors.wire.format.packing import (
 )
 from eal_actors.wire.shared_memory import SharedValue
 
-_STATUS, DATA, _ERROR, _FIELDS, _ACCEPTED = range(5)
+STATUS, DATA, _ERROR, _FIELDS, _ACCEPTED = range(5)
 _NO_PAYLOAD: Final = b""
 _NO_TIME: Final = (None, None, None)
 _NO_ECHO: Final = "", 0.0, 0.0, False, ""
@@ -364,7 +364,7 @@ def _answer_parts(answer: Answer) -> tuple[int, Any, Payload]:
     if type(answer) is EALData:
         return DATA, data_header(answer), payload_of(answer)
     if isinstance(answer, int):
-        return _STATUS, int(answer), _NO_PAYLOAD  # True is a status too
+        return STATUS, int(answer), _NO_PAYLOAD  # True is a status too
     if isinstance(answer, EALError):
         return _ERROR, error_body(answer), _NO_PAYLOAD
     if isinstance(answer, dict):
@@ -378,7 +378,7 @@ def _answer_from(kind: object, body: Any, payload: Buffer, what: str) -> Answer:
             return data_from(body, checked_payload(payload, what), what)
         if payload:
             optional_data_from(None, payload, what)
-        if kind == _STATUS and type(body) is int:
+        if kind == STATUS and type(body) is int:
             return body
         if kind == _ERROR:
             return error_from(body, what)

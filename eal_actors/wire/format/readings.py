@@ -1,4 +1,4 @@
-"""The most frequent messages in one step: a call that changes nothing, and a reply with a value.
+"""The most frequent messages in one step: a call that changes nothing, and a reply with a value or a status.
 
 Their bytes are those of encode_call and encode_reply, without the objects that these take.
 
@@ -8,7 +8,7 @@ Thread: any; nothing here keeps state.
 from __future__ import annotations
 
 from eal_actors.device.data import EALData
-from eal_actors.wire.format.messages import DATA
+from eal_actors.wire.format.messages import DATA, STATUS
 from eal_actors.wire.format.packing import PROTOCOL_VERSION, pack, packed_client
 
 
@@ -32,6 +32,11 @@ def encode_reading(
     if traceparent:
         row += "", 0.0, 0.0, False, traceparent
     return pack(row, "call")
+
+
+def encode_status(sequence: int, status: int, era: str, time_s: float) -> bytes:
+    """Return the envelope of a reply with a status, as encode_reply; see encode_value."""
+    return pack((PROTOCOL_VERSION, sequence, STATUS, status, era, time_s), "answer")
 
 
 def encode_value(sequence: int, data: EALData, stamp_s: float | None, era: str, time_s: float) -> bytes:

@@ -84,7 +84,8 @@ class Outbox(Sender):
             self.publish(key, envelope, payload, is_urgent=is_urgent)
             return
         try:
-            self._note_size(payload)
+            if len(payload) > _LARGE_BYTES:
+                self._note_large()
             self._transport.put(key, envelope, payload)
         finally:
             self._put_lock.release()
@@ -102,16 +103,16 @@ class Outbox(Sender):
         is_sent = is_quiet and self._put_lock.acquire(blocking=False)
         if is_sent:
             try:
-                self._note_size(payload)
+                if len(payload) > _LARGE_BYTES:
+                    self._note_large()
                 self._transport.put(key, envelope, payload, is_vital=False)
             finally:
                 self._put_lock.release()
         if not is_sent or REAL_TIME.now() - now_s >= _SLOW_PUT_S:
             self.publish(key, envelope, payload, is_urgent=is_urgent)
 
-    def _note_size(self, payload: Payload) -> None:
-        if len(payload) > _LARGE_BYTES:
-            self._busy_until_s = REAL_TIME.now() + _LARGE_PAUSE_S
+    def _note_large(self) -> None:
+        self._busy_until_s = REAL_TIME.now() + _LARGE_PAUSE_S
 
     def _count(self, payload_bytes: int) -> None:
         if payload_bytes:  # most messages have none
@@ -129,7 +130,8 @@ class Outbox(Sender):
         self._count(-memoryview(message.payload).nbytes)
 
     def _put(self, message: _OutgoingMessage, *, is_last: bool) -> None:
-        self._note_size(message.payload)
+        if len(message.payload) > _LARGE_BYTES:
+            self._note_large()
         self._transport.put(
             message.key,
             message.envelope,

@@ -16,7 +16,7 @@ from eal_actors.device.data import EALData, Payload
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import BusyError, EALError, ResourceFaultError, error_text
 from eal_actors.wire.format.messages import Answer, RobotTime, encode_reply
-from eal_actors.wire.format.readings import encode_value
+from eal_actors.wire.format.readings import encode_status, encode_value
 from eal_actors.wire.rpc.server.controller_memories import ControllerMemories
 from eal_actors.wire.rpc.server.outbox import Outbox
 from eal_actors.wire.rpc.server.running_commands import ReplyTo
@@ -67,6 +67,10 @@ class Replies:
             send: how to send it; as Outbox.publish, which is the default.
             shared: place of a value in shared memory, which is not sent.
         """
+        if type(answer) is int and began_s is None:  # the usual outcome of a command
+            envelope = encode_status(reply_to.sequence, answer, self._era, REAL_TIME.now())
+            self._send(reply_to, envelope, b"", send or self._outbox.publish)
+            return
         time = tuple.__new__(RobotTime, (self._era, REAL_TIME.now(), began_s))
         if self._outbox.is_full and isinstance(answer, EALData) and shared is None:
             answer = BusyError("too many values wait for the network; read them less often", robot=self._robot)
