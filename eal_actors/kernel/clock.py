@@ -243,7 +243,7 @@ class ScaledClock(Clock):
         if not rate > 0:
             raise ValueError(f"a clock's rate must be over 0, not {rate}")
         self.rate: Final = float(rate)
-        self.start_s = time.monotonic()
+        self.start_s: Final = time.monotonic()
 
     @override
     def now(self) -> float:
@@ -275,17 +275,7 @@ class SystemClock(ScaledClock):
         super().__init__(1.0)
 
 
-class _RealTime(SystemClock):
-    """Real time since the system's start: every message asks for it, so `now` is the system's function itself."""
-
-    now = staticmethod(time.monotonic)
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.start_s = 0.0
-
-
-REAL_TIME: Final = _RealTime()
+REAL_TIME: Final = SystemClock()
 """The clock for waits that must take real time whatever the fleet's clock does: closing, joining threads."""
 
 

@@ -19,6 +19,7 @@ import sys
 import threading
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final, NoReturn
@@ -31,7 +32,7 @@ from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.wire.engine_threads import share_threads
 from eal_actors.wire.format import keys
 from tests.benchmarks.least import LeastController, LeastRobot
-from tests.benchmarks.network_host import fleet_of
+from tests.benchmarks.network_host import FRAME, fleet_of
 from tests.benchmarks.page import machine, write_between
 from tests.benchmarks.peers.engine import session
 from tests.benchmarks.peers.peer import GIVE_UP_S, VALUE, Server, timed
@@ -46,9 +47,10 @@ _CALL_TO: Final = keys.CallKey(FLEET, ROBOT, "Lamp", "get_value", keys.ANYBODY, 
 CALL_KEY, ANSWER = keys.call_key(_CALL_TO), keys.answer_key(_CALL_TO)
 COMMAND_KEY: Final = keys.call_key(_CALL_TO._replace(method="send_cmd"))
 ANSWERS: Final = keys.answer_keys(FLEET, keys.ANYBODY, SECRET)
+VIEW: Final = FRAME.reshape(-1).data
 ROUNDS, CALLS = 15, 200
 PUBLISHED, THREADS, PACKED, LEAST, OURS = "published", "threads", "packed", "least", "ours"
-LEAST_COMMAND, OUR_COMMAND = "least command", "our command"
+LEAST_COMMAND, OUR_COMMAND, FRAMES, OUR_FRAMES = "least command", "our command", "frames", "our frames"
 STEPS: Final = {
     PUBLISHED: "two publications, the caller reads its answer itself",
     THREADS: "and a thread for the resource, one for the answers",
@@ -57,6 +59,8 @@ STEPS: Final = {
     OURS: "this project",
     LEAST_COMMAND: "a command instead, in the least program",
     OUR_COMMAND: "a command in this project",
+    FRAMES: "a frame of 921,600 bytes over TCP, two publications, times raw TCP's frame",
+    OUR_FRAMES: "the same in this project",
 }
 
 
@@ -93,17 +97,19 @@ def serve(step: str, port: int) -> None:
     mailbox: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
 
     def answer(envelope: bytes | None) -> None:
-        if envelope is None:
+        if step == FRAMES:
+            answers.put(bytes(VIEW))
+        elif envelope is None:
             answers.put(VALUE)
-            return
-        call = msgpack.unpackb(envelope)
-        if list(map(type, call)) != list(map(type, CALL)):
-            raise ValueError(call)
-        answers.put(VALUE, attachment=msgpack.packb((10, call[3], 1, [3, 3, None, None], "era", REAL_TIME.now())))
+        else:
+            call = msgpack.unpackb(envelope)
+            if list(map(type, call)) != list(map(type, CALL)):
+                raise ValueError(call)
+            answers.put(VALUE, attachment=msgpack.packb((10, call[3], 1, [3, 3, None, None], "era", REAL_TIME.now())))
 
     def receive(sample: zenoh.Sample) -> None:
         envelope = sample.attachment.to_bytes() if sample.attachment is not None else None
-        if step == PUBLISHED:
+        if step in (PUBLISHED, FRAMES):
             answer(envelope)
         else:
             mailbox.put(envelope)
@@ -133,12 +139,13 @@ class Caller:
         self._calls = _publisher(self._opened, CALL_KEY)
         self._numbers = itertools.count(1)
         self._pending: dict[int, tuple[threading.Lock, list[Any]]] = {}
-        if step == PUBLISHED:
-            self._answers = _subscriber(self._opened, ANSWERS, ANSWER)
         least = LeastController(self._calls, _publisher(self._opened, COMMAND_KEY))
-        if step != PUBLISHED:
+        if step in (PUBLISHED, FRAMES):
+            self._answers = _subscriber(self._opened, ANSWERS, ANSWER)
+        else:
             _follow(self._opened, ANSWERS, ANSWER, least.receive if step == LEAST else self._receive)
-        self.get = {PUBLISHED: self._read, THREADS: self._wait, PACKED: self._call, LEAST: least.read}[step]
+        gets = {PUBLISHED: self._read, THREADS: self._wait, PACKED: self._call, LEAST: least.read, FRAMES: self._read}
+        self.get = gets[step]
         self.command = least.command
 
     def _read(self) -> None:
@@ -192,7 +199,7 @@ def measure(rounds: int, calls: int) -> dict[str, list[float]]:
         raw = TcpClient(ports["raw TCP"])
         stack.callback(raw.close)
         steps: dict[str, Callable[[], object]] = {}
-        for step in (PUBLISHED, THREADS, PACKED, LEAST):
+        for step in (FRAMES, PUBLISHED, THREADS, PACKED, LEAST):
             started("tests.benchmarks.floor", "--serve", step, str(ports[step]))
             caller = Caller(step, ports[step])
             stack.callback(caller.close)
@@ -200,17 +207,25 @@ def measure(rounds: int, calls: int) -> dict[str, list[float]]:
             steps[step] = caller.get
         steps[LEAST_COMMAND] = caller.command
         started("tests.benchmarks.network_host", "1", str(ports[OURS]))
+        started("tests.benchmarks.network_host", "1", str(ports[OUR_FRAMES]))
         lamp = stack.enter_context(Fleet(fleet_of(1, ports[OURS])))["bot1"]["Lamp"]
+        far = fleet_of(1, ports[OUR_FRAMES])
+        far = replace(far, network=replace(far.network, shared_memory=False))
+        eye = stack.enter_context(Fleet(far))["bot1"]["Eye"]
         steps[OURS] = lambda: lamp.get_value().get()
         steps[OUR_COMMAND] = lambda: lamp.send_cmd("on").get()
+        steps[OUR_FRAMES] = lambda: eye.get_value().get()
         for call in (raw.get, *steps.values()):
             for _ in range(calls):
                 call()
         ratios: dict[str, list[float]] = {step: [] for step in steps}
         for _ in range(rounds):
             bare_s = statistics.median(timed(raw.get) for _ in range(calls))
+            bare_frame_s = statistics.median(timed(raw.frame) for _ in range(calls // 10))
             for step, call in steps.items():
-                ratios[step].append(statistics.median(timed(call) for _ in range(calls)) / bare_s)
+                is_frame = step in (FRAMES, OUR_FRAMES)
+                middle_s = statistics.median(timed(call) for _ in range(calls // 10 if is_frame else calls))
+                ratios[step].append(middle_s / (bare_frame_s if is_frame else bare_s))
         return ratios
 
 

@@ -10,6 +10,7 @@ project's. What it does is written out in as few functions as Python allows.
 from __future__ import annotations
 
 import itertools
+import math
 import queue
 import threading
 from collections import OrderedDict, deque
@@ -46,8 +47,8 @@ class LeastRobot:
         self._latest: dict[bytes, tuple[int, int]] = {}
         self._running: set[tuple[bytes, int]] = set()
         self._outcomes: OrderedDict[tuple[bytes, int], int] = OrderedDict()
-        self._lease = b"", 0.0
-        self.watched = b"", 0.0
+        self._lease = b"", -math.inf
+        self.watched = b"", -math.inf
         self.busy_until_s: float | None = None
         self._putting = threading.Lock()
         self._left: queue.SimpleQueue[tuple[bytes, bytes]] = queue.SimpleQueue()

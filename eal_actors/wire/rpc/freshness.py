@@ -56,7 +56,8 @@ _ROUNDING_S: Final = 1e-3
 _RENEWAL_S: Final = 10.0
 """Age at which any newer echo replaces an echo, so that none from before a jump of a clock is kept for ever."""
 
-_AT_ONCE: Final = {"epoch": 1_000, "sequence": 1_000_000}
+_MOST_AHEAD: Final = 1_000_000
+_AT_ONCE: Final = {"epoch": 1_000, "sequence": _MOST_AHEAD}
 _PER_SECOND: Final = {"epoch": 10, "sequence": 1_000_000}
 """Greatest advance of a client's numbers, at once and for each second since it was heard; more is no counting."""
 
@@ -239,12 +240,13 @@ class CommandHistory(Generic[T]):
         if history is None:
             history = _ClientHistory[T](self._sent_after_s, epoch, number=sequence)
         ahead = sequence - history.number
-        if not (epoch == history.epoch and 0 < ahead <= _AT_ONCE["sequence"] and sent_s > history.sent_after_s):
-            self._check_unusual(history, stamp, resource, now_s)
-        # The usual command is the client's newest call of all, so it was neither accepted before nor overtaken.
+        if epoch != history.epoch or not 0 < ahead <= _MOST_AHEAD or sent_s <= history.sent_after_s:
+            _check_order(history, stamp, resource, sent_s)
+            _check_numbers(history, epoch, sequence, now_s)
+        # else it is the client's newest call of all, as usual: it was neither accepted before nor overtaken
         if ahead > 0:
             history.number = sequence
-        self._note(history, client, epoch, now_s if now_s >= sent_s else sent_s)
+        self._note(history, client, epoch, max(now_s, sent_s))
         history.latest[resource] = sequence
         history.running.add(call)
         return sent_s
@@ -287,15 +289,6 @@ class CommandHistory(Generic[T]):
         if call in history.running:
             return CommandRecord(False)
         return CommandRecord(True, history.outcomes[call]) if call in history.outcomes else None
-
-    def _check_unusual(self, history: _ClientHistory[T], stamp: Stamp, resource: str, now_s: float) -> None:
-        """Raise StaleCommandError for a command that was accepted, overtaken or sent too early, or has a wrong number."""
-        _, epoch, sequence = stamp.call
-        _check_order(history, stamp, resource, stamp.sent_s)
-        if epoch > history.epoch:
-            _check_advance("epoch", history.epoch, epoch, now_s - history.heard_s)
-        if sequence > history.number:
-            _check_advance("sequence", history.number, sequence, now_s - history.heard_s)
 
     def _refuse(self, stamp: Stamp, resource: str, age_s: float) -> NoReturn:
         """Raise StaleCommandError for a command of another run or of a wrong age."""
@@ -343,6 +336,14 @@ def _check_order(history: _ClientHistory[T], stamp: Stamp, resource: str, sent_s
         raise _stale(stamp, resource, "was accepted before")
     if epoch == history.epoch and sequence <= history.latest.get(resource, -1):
         raise _stale(stamp, resource, f"comes after number {history.latest[resource]} was accepted")
+
+
+def _check_numbers(history: _ClientHistory[T], epoch: int, sequence: int, now_s: float) -> None:
+    """Raise StaleCommandError if a client's numbers cannot have advanced so far."""
+    if epoch > history.epoch:
+        _check_advance("epoch", history.epoch, epoch, now_s - history.heard_s)
+    if sequence > history.number:
+        _check_advance("sequence", history.number, sequence, now_s - history.heard_s)
 
 
 def _check_advance(what: str, last: int, number: int, silent_s: float) -> None:

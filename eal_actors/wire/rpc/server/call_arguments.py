@@ -53,7 +53,8 @@ def start_call(
 
 def check_arguments(method: str, plain: tuple[str | int, ...], data: EALData | None) -> None:
     """Raise ProtocolError unless a method takes such arguments."""
-    check_texts(method, plain, _MAX_TEXT)
+    if len(plain) > 1 or (plain and type(plain[0]) is str and len(plain[0]) > _MAX_TEXT):
+        check_texts(method, plain, _MAX_TEXT)
     if tuple(map(type, plain)) != _ARGUMENT_TYPES[method] or (data is None and method in _NEED_DATA):
         raise ProtocolError(f"{method} does not take the arguments {plain!r}{'' if data is None else ' and a value'}")
 
