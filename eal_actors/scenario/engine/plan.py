@@ -27,7 +27,7 @@ class Plan:
         roles: the robots of each role, in the order of the fleet.
         robots: the robots of all roles, in the order of the fleet, spares included.
         lost: the errors of robots that did not start, by name; empty unless the scenario continues without them.
-        calls: number of calls if nothing fails, as far as it is known, without those of `finally`.
+        calls: number of calls if nothing fails, as far as it is known, with those of `finally`.
         spares: the robots in reserve for each role.
         python: the functions of its Python steps, by name.
     """
@@ -92,7 +92,8 @@ def make_plan(
     ]:
         raise ConfigError(problems)
     live = {role: sum(robot not in lost for robot in names) for role, names in bound.roles.items()}
-    calls = scenario.count_calls(scenario.file.steps, ("steps",), None, live)
+    parts = (("steps", scenario.file.steps), ("finally", scenario.file.finally_))
+    calls = sum(scenario.count_calls(steps, (key,), None, live) for key, steps in parts)
     return Plan(scenario, bound.roles, robots, lost, calls, bound.spares, python)
 
 

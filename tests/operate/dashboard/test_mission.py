@@ -14,6 +14,7 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.operate.dashboard import Dashboard
 from tests.operate.dashboard.rig import COUNTING_PLUGIN, SIM, counting_fleet, open_dashboard, resource_of
 from tests.plugin_files import write_plugin
+from tests.scenario_texts import scenario_of
 
 OpenPage = Callable[..., AbstractContextManager[Page]]
 
@@ -42,6 +43,28 @@ def test_the_front_page_shows_map_robots_cameras_and_alerts_at_four_sizes(open_p
             "import('/static/store.js').then(({ store }) => store.names().map((name) => store.robots[name].radius_m))"
         )
         assert all(0.1 < radius_m < 0.3 for radius_m in radii)
+
+
+def test_nothing_covers_the_tools_of_the_map_in_any_view(open_page: OpenPage, fleet: Fleet, tmp_path: Path) -> None:
+    (tmp_path / "turn.yaml").write_text(scenario_of("send_cmd: {resource: Base, cmd: turn9}", role="all"))
+    on_top = """(node) => {
+        node.scrollIntoView({ block: "center" });
+        const { x, y, width, height } = node.getBoundingClientRect();
+        return [[0.5, 0.1], [0.5, 0.9]].every(([right, down]) =>
+            node.contains(document.elementFromPoint(x + right * width, y + down * height)));
+    }"""
+    with open_dashboard(fleet, scenarios=tmp_path) as dashboard, open_page(dashboard.link + "#/scenario") as page:
+        page.get_by_label("Scenario", exact=True).select_option("turn.yaml")
+        page.get_by_role("button", name="Start", exact=True).click()
+        expect(page.locator("#main")).to_contain_text("Done")
+        for width, height in (*SIZES, (1440, 700)):
+            page.set_viewport_size({"width": width, "height": height})
+            for view in ("mission", "map", "scenario"):
+                page.evaluate("(view) => { location.hash = `#/${view}`; }", view)
+                for name in ("Live", "Zoom in"):
+                    button = page.get_by_role("button", name=name)
+                    expect(button).to_be_visible()
+                    assert button.evaluate(on_top), f"{name} is covered in {view} at {width} x {height}"
 
 
 def test_an_alert_names_the_robot_and_goes_when_it_is_over(

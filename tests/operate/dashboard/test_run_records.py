@@ -62,6 +62,28 @@ def test_a_run_from_the_page_leaves_all_that_eal_run_leaves(tmp_path: Path) -> N
         assert abs(run.paths["roomba-1"][-1].yaw_rad - run.paths["roomba-1"][0].yaw_rad) > 0.2
 
 
+def test_the_number_of_calls_stays_the_same_from_the_start_to_the_end(tmp_path: Path) -> None:
+    scenarios = tmp_path / "scenarios"
+    scenarios.mkdir()
+    end = "finally: [{on: all, do: [{send_cmd: {resource: Base, cmd: turn0}}, {get_value: {resource: Pose}}]}]\n"
+    (scenarios / "turn.yaml").write_text(scenario_of("send_cmd: {resource: Base, cmd: turn9}", role="all") + end)
+    with (
+        counting_fleet(tmp_path, "one", "two").connect() as fleet,
+        open_dashboard(fleet, scenarios=scenarios) as dashboard,
+        page_of(dashboard) as page,
+    ):
+        assert page.ask(do="start", file="turn.yaml")["ok"] is True
+        totals = set()
+
+        def is_over() -> bool:
+            totals.add(page.run.get("calls"))
+            return page.run.get("phase") == "ended"
+
+        page.hear_until(is_over)
+        assert page.run["done"] == 6
+        assert totals - {None} == {6}
+
+
 def test_a_run_that_the_end_of_the_dashboard_aborts_is_recorded_too(tmp_path: Path) -> None:
     runs, scenarios = tmp_path / "runs", tmp_path / "scenarios"
     scenarios.mkdir()
