@@ -10,6 +10,7 @@ from typing import Any, Final, Self, TypeAlias, TypeVar
 
 from eal_actors.device.link import FaultyLink
 from eal_actors.device.localization.localizer import Localizer
+from eal_actors.device.picture_log import PictureLog
 from eal_actors.device.ports import BytePort
 from eal_actors.device.proximity import Contact, ProximityObserver
 from eal_actors.device.resource import Resource
@@ -104,6 +105,8 @@ class FleetServices:
         proximity_observer: receives the gaps around simulated robots; set it before the robots connect.
         solid_robots: simulated robots touch and sense each other; set it before the robots connect.
         contacts: the contacts of simulated robots; a simulation appends to it, in any thread.
+        picture_log: receives what is found in pictures of simulated cameras, and knows that of a past; None if nobody
+            records it.
         markers: the id of the marker that each robot carries, by the robot's name.
     """
 
@@ -124,6 +127,7 @@ class FleetServices:
         self.proximity_observer: ProximityObserver | None = None
         self.solid_robots = True
         self.contacts: Final[list[Contact]] = []
+        self.picture_log: PictureLog | None = None
         self._lock = threading.RLock()
         self._shared: dict[Hashable, Any] = {}
         self._links: dict[str, FaultyLink] = {}

@@ -11,6 +11,7 @@ from pathlib import Path
 from struct import error as StructError  # noqa: N812  # named like the other errors
 from typing import TYPE_CHECKING, Any, Final
 
+from eal_actors.device.picture_log import Findings
 from eal_actors.kernel.errors import ScenarioError, UnsupportedError
 from eal_actors.recording import messages, schemas
 from eal_actors.recording.messages import Message, nanoseconds
@@ -27,6 +28,7 @@ EVENTS_TOPIC: Final = "/events"
 ARENA_TOPIC: Final = "/arena"
 HULLS_TOPIC: Final = "/robots"
 TRANSFORMS_TOPIC: Final = "/tf"
+FINDINGS_TOPIC: Final = "/pictures"
 _CLOCK: Final = "clock"
 _START: Final = "start_ns"
 _LIBRARY: Final = "eal_actors"
@@ -230,6 +232,36 @@ def write_event(file: McapFile, event: Mapping[str, Any]) -> None:
     if (entry := log_entry_of(event)) is not None:
         log = messages.log_message(entry.time_s, entry.level, entry.source, entry.text)
         file.write("/log", schemas.LOG, entry.time_s, log)
+
+
+def write_findings(file: McapFile, time_s: float, camera: str, stamp_s: float, found: Findings) -> None:
+    """Write what was found in a picture.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    message = {**messages.stamped(time_s), "camera": camera, "stamp_s": stamp_s, "found": found}
+    file.write(FINDINGS_TOPIC, schemas.FINDINGS, time_s, message)
+
+
+def read_findings(path: Path) -> Iterator[tuple[str, float, Findings]]:
+    """Yield what was found in pictures, as `write_findings` received it.
+
+    Raises:
+        ScenarioError: it is no MCAP file.
+        OSError: it cannot be read.
+    """
+    from mcap.records import Channel, Message
+
+    channels: set[int] = set()
+    with _errors_of(path):
+        for record in _records(path):
+            match record:
+                case Channel() if record.topic == FINDINGS_TOPIC:
+                    channels.add(record.id)
+                case Message() if record.channel_id in channels:
+                    content = json.loads(record.data)
+                    yield content["camera"], content["stamp_s"], content["found"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,19 +14,24 @@ from typing import Final, Literal, Self, TypeAlias
 from eal_actors.actors.handles import ResourceHandle
 from eal_actors.device.data import EALData
 from eal_actors.device.info import ResourceType
+from eal_actors.device.picture_log import Findings, PictureLog
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import wall_time
 from eal_actors.kernel.errors import EALError, UnsupportedError
+from eal_actors.kernel.lock_step import MAX
 from eal_actors.kernel.log import get_logger
 from eal_actors.recording import messages, schemas
 from eal_actors.recording.mcap_file import (
     ARENA_TOPIC,
+    FINDINGS_TOPIC,
     HULLS_TOPIC,
     RECORD_FILE,
     TRANSFORMS_TOPIC,
     McapFile,
     pose_topic,
+    read_findings,
     write_event,
+    write_findings,
     write_path,
     write_pose,
 )
@@ -70,11 +75,14 @@ class RepeatedPast:
         run: the other run.
         until_s: samples before this time are copied, in seconds since the run's start, to a thousandth.
         start_s: the run's start by the fleet's clock.
+        same_s: before this time of the run, its world is the same. Nobody draws a picture of it again: what was found
+            in it is read back.
     """
 
     run: RunFolder
     until_s: float
     start_s: float
+    same_s: float
 
 
 class RunRecorder:
@@ -124,6 +132,9 @@ class RunRecorder:
         if self._file is not None:
             self._guarded(self._open)
             self._angles = scanner_angles(self._infos, self._specs)
+        if self._fleet.config.rate == MAX:  # other runs do not repeat
+            past = dict(self._findings(self._past)) if self._past is not None else None
+            self._fleet.services.picture_log = PictureLog(self._add_findings, past)
         self._sampler.__enter__()
         return self
 
@@ -131,6 +142,7 @@ class RunRecorder:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         self._sampler.__exit__(kind, error, traceback)
+        self._fleet.services.picture_log = None
         self._guarded(McapFile.close)
         try:
             if self._table is not None:
@@ -176,12 +188,29 @@ class RunRecorder:
                 if name is not None and self._table is not None and is_past(sample.time_s):
                     self._table.add(robot, sample)
                     self._newest_s[pose_topic(robot, name)] = sample.time_s + _ROUNDING_S
-        topics = {TRANSFORMS_TOPIC, *(topic_of(spec.resource) for spec in self._specs)}
+        topics = {TRANSFORMS_TOPIC, FINDINGS_TOPIC, *(topic_of(spec.resource) for spec in self._specs)}
         file = past.run.path / RECORD_FILE
         if self._file is not None and file.exists():
             ours = self._file
             self._guarded(lambda _: ours.copy(file, lambda topic, time_s: topic in topics and is_past(time_s)))
             self._newest_s.update({topic: time_s + _ROUNDING_S for topic, time_s in ours.newest_s.items()})
+
+    @staticmethod
+    def _findings(past: RepeatedPast) -> Iterator[tuple[tuple[str, float], Findings]]:
+        """Yield what was found in the pictures of a repeated past."""
+        file = past.run.path / RECORD_FILE
+        for camera, stamp_s, found in read_findings(file) if file.exists() else ():
+            if stamp_s < past.start_s + past.same_s - _ROUNDING_S:
+                yield (camera, stamp_s), found
+
+    def _add_findings(self, camera: str, stamp_s: float, found: Findings) -> None:
+        """Write what a tracker found in a picture. Thread: the tracker's."""
+        with self._lock:
+            if self._start_s is None:
+                return
+            time_s = stamp_s - self._start_s
+            if self._past is None or round(time_s, 3) >= self._past.until_s:  # the others were copied
+                self._guarded(lambda file: write_findings(file, time_s, camera, stamp_s, found))
 
     # Samples. Thread: the sampler's.
 

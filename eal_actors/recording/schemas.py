@@ -99,6 +99,10 @@ VALUE: Final = MessageSchema(
     ),
 )
 """Any value for which Foxglove has no schema, with its type, unit and shape."""
+FINDINGS: Final = MessageSchema(
+    "eal.Findings", _object(timestamp=_TIME, camera=_TEXT, stamp_s=_NUMBER, found=_object())
+)
+"""Findings in a picture of a simulated camera; `stamp_s` is its time by the fleet's clock, with all bits."""
 EVENT: Final = MessageSchema("eal.Event", _object(timestamp=_TIME, event=_TEXT))
 """A line of `events.jsonl`."""
 STATE: Final = MessageSchema(

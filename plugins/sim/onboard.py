@@ -38,6 +38,11 @@ class SimulatedRobotCamera:
         self._lens = lens
         self._offset_m = offset_m
 
+    def instant_s(self) -> float:
+        """Return the time that a picture of now would have."""
+        with self._world.lock:
+            return self._world.catch_up()
+
     def frame(self) -> tuple[NDArray[np.uint8], float]:
         """Return the picture of now and its time; the first one of a world takes longest.
 

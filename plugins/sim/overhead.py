@@ -71,6 +71,11 @@ class SimulatedOverheadCamera:
             self._last = renderer.picture(instants, seed), now_s
             return self._last
 
+    def instant_s(self) -> float:
+        """Return the time that a picture of now would have."""
+        with self._world.lock:
+            return self._world.catch_up()
+
     def markers(self) -> tuple[list[tuple[int, NDArray[np.float64]]], float]:
         """Return where the camera sees whole markers now, without a picture, and the time.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import cv2
@@ -11,7 +11,7 @@ import numpy as np
 
 from eal_actors.plugin import FamilyName
 
-from .detector import Detection, MarkerDetector, SearchWindow
+from .detector import Detection, Found, MarkerDetector, SearchWindow
 from .feeds import Image
 from .lens import Floats, Lens
 from .locating import SquareFit, fit_squares
@@ -53,7 +53,7 @@ class CameraTracker:
         sightings: the markers on robots in the newest picture, by id.
         detections: all markers in the newest picture.
         stamp_s: the newest picture's time of exposure; None before the first.
-        picture: the newest picture; None before the first, and where markers are taken from a simulated world.
+        picture: the newest picture; None before the first, and where the markers are known without one.
         whole_searches: number of searches of whole pictures.
 
     Thread: one at a time.
@@ -97,33 +97,39 @@ class CameraTracker:
         used = () if mounting is None else mounting.markers
         return {one: self.lens.pixels(self._floor[one], mounting.turn, mounting.shift_m) for one in used}  # type: ignore[union-attr]
 
-    def process(self, picture: Image, stamp_s: float) -> None:
-        """Find the markers in a picture. One that is not newer than the last one is ignored."""
-        if self.stamp_s is not None and stamp_s <= self.stamp_s:
+    def process(self, picture: Image, stamp_s: float) -> Found | None:
+        """Find the markers in a picture, and return them; a picture that is not newer than the last one is ignored."""
+        if self._is_old(stamp_s) or self._has_wrong_size(picture, stamp_s):
+            return None
+        found = self._search(picture, stamp_s)
+        self.take(found, stamp_s)
+        self.picture = picture
+        return found
+
+    def take(self, found: Found, stamp_s: float) -> None:
+        """Take the markers in view that are known without a picture."""
+        if self._is_old(stamp_s):
             return
-        if self._has_wrong_size(picture, stamp_s):
-            return
-        grey = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.uint8)
-        windows = self._windows(stamp_s)
-        if windows is None:
-            self.detections = self._detector.find(grey)
-            self._learn(grey, stamp_s)
+        self.detections = found.detections
+        if found.is_whole:
+            self._learn(found.mirrored, stamp_s)
             self._note_pose(stamp_s)
         else:
             self._since_whole += 1
-            self.detections = self._detector.find_around(grey, windows)
-        self._locate(stamp_s)
-        self.stamp_s, self.picture = stamp_s, picture
-
-    def take(self, detections: list[Detection], stamp_s: float) -> None:
-        """Take the markers in view from a simulated world, in place of a picture."""
-        if self.stamp_s is not None and stamp_s <= self.stamp_s:
-            return
-        self.detections = detections
-        self._learn(None, stamp_s)
-        self._note_pose(stamp_s)
         self._locate(stamp_s)
         self.stamp_s, self.picture = stamp_s, None
+
+    def _is_old(self, stamp_s: float) -> bool:
+        return self.stamp_s is not None and stamp_s <= self.stamp_s
+
+    def _search(self, picture: Image, stamp_s: float) -> Found:
+        grey = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.uint8)
+        windows = self._windows(stamp_s)
+        if windows is not None:
+            return Found(self._detector.find_around(grey, windows), is_whole=False)
+        detections = self._detector.find(grey)
+        is_due = self.whole_searches % _MIRRORED_EVERY == 0
+        return Found(detections, is_whole=True, mirrored=self._mirrored(grey, detections) if is_due else None)
 
     def _has_wrong_size(self, picture: Image, stamp_s: float) -> bool:
         found, wanted = (picture.shape[1], picture.shape[0]), self.lens.size_px
@@ -152,8 +158,13 @@ class CameraTracker:
         rows = zip(pixels.tolist(), halves_px.tolist(), sides_px.tolist(), strict=True)
         return [SearchWindow(column, row, half_px, side_px) for (column, row), half_px, side_px in rows]
 
-    def _learn(self, grey: Image | None, stamp_s: float) -> None:
-        """Take from a search of the whole picture what changes rarely; without one, nothing is mirrored."""
+    def _learn(self, mirrored: frozenset[int] | None, stamp_s: float) -> None:
+        """Take from a search of the whole picture what changes rarely.
+
+        Args:
+            mirrored: ids of mirrored markers; None if nobody looked for them.
+            stamp_s: the picture's time.
+        """
         counts = Counter(one.number for one in self.detections)
         once = {one.number: one.corners for one in self.detections if counts[one.number] == 1}
         moves = self._estimator.moves
@@ -165,8 +176,10 @@ class CameraTracker:
         unknown = {number for number in counts if number not in self._groups and number not in self._floor}
         self._problems.replace(_WHOLE_KINDS, self.name, self._whole_problems(unknown, moves, stamp_s))
         self._unknown_before = unknown
-        if grey is not None and self.whole_searches % _MIRRORED_EVERY == 0:
-            self._look_for_mirrored(grey, stamp_s)
+        if mirrored is not None:
+            text = "marker {} is in the picture mirrored: cover the mirror, or turn the print over"
+            problems = [self._problem("mirrored", number, text.format(number), stamp_s) for number in sorted(mirrored)]
+            self._problems.replace(["mirrored"], self.name, problems)
         self.whole_searches += 1
         self._since_whole = 0
 
@@ -194,18 +207,16 @@ class CameraTracker:
             found.append(TrackingProblem("camera_moved", self.name, None, text, stamp_s))
         return found
 
-    def _look_for_mirrored(self, grey: Image, stamp_s: float) -> None:
-        """Look for mirrored markers, except where there is a marker: some ids are the mirror images of others."""
-        places = [one.corners.mean(axis=0) for one in self.detections]
+    def _mirrored(self, grey: Image, detections: Sequence[Detection]) -> frozenset[int]:
+        """Return the mirrored markers, except where there is a marker: some ids are the mirror images of others."""
+        places = [one.corners.mean(axis=0) for one in detections]
         mirrored = set()
         for one in self._detector.find_mirrored(grey):
             middle, side_px = one.corners.mean(axis=0), float(np.linalg.norm(one.corners[0] - one.corners[1]))
             is_known = one.number in self._groups or one.number in self._floor
             if is_known and all(np.linalg.norm(place - middle) > side_px / 2 for place in places):
                 mirrored.add(one.number)
-        text = "marker {} is in the picture mirrored: cover the mirror, or turn the print over"
-        problems = [self._problem("mirrored", number, text.format(number), stamp_s) for number in sorted(mirrored)]
-        self._problems.replace(["mirrored"], self.name, problems)
+        return frozenset(mirrored)
 
     def _locate(self, stamp_s: float) -> None:
         """Fit the markers on robots, and remember which ones are lost."""

@@ -7,9 +7,9 @@ has a fixed cost.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -37,6 +37,36 @@ class Detection:
 
     number: int
     corners: Floats
+
+
+@dataclass(frozen=True)
+class Found:
+    """The result of a search for markers in a picture.
+
+    Attributes:
+        detections: the markers.
+        is_whole: whether the whole picture was searched.
+        mirrored: ids of markers that the picture shows mirrored; None if nobody looked for them.
+    """
+
+    detections: list[Detection]
+    is_whole: bool
+    mirrored: frozenset[int] | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it for JSON, with all bits of the corners."""
+        return {
+            "markers": [{"id": one.number, "corners": one.corners.tolist()} for one in self.detections],
+            "is_whole": self.is_whole,
+            "mirrored": None if self.mirrored is None else sorted(self.mirrored),
+        }
+
+    @classmethod
+    def from_json(cls, found: Mapping[str, Any]) -> Found:
+        """Return what `to_json` returned."""
+        detections = [Detection(one["id"], np.array(one["corners"], np.float64)) for one in found["markers"]]
+        mirrored = found["mirrored"]
+        return cls(detections, found["is_whole"], None if mirrored is None else frozenset(mirrored))
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
-from eal_actors.plugin import Clock, NotReadyError, PluginContext, PluginError
+from eal_actors.plugin import FleetServices, NotReadyError, PluginContext, PluginError
 
 from ..camera.reader import ReaderOptions, SourceReader
 from ..camera.source import PictureSource
-from .detector import Detection
+from .detector import Detection, Found
 from .settings import SIMULATED, CameraSettings
 
 _SLACK_S = 1e-6
@@ -32,9 +32,12 @@ class PictureFeed(ABC):
             NotReadyError: the camera is lost, frozen, or at its end.
         """
 
-    def known(self) -> tuple[list[Detection], float] | None:
+    def known(self) -> tuple[Found, float] | None:
         """Return the markers in view and their time where they are known without a picture, else None."""
         return None
+
+    def note(self, found: Found, stamp_s: float) -> None:  # noqa: B027  # only simulated cameras can repeat themselves
+        """Note what was found in a picture, for a run that repeats this one."""
 
     def why_not_ready(self) -> str | None:
         """Return why there is no picture now, or None."""
@@ -92,18 +95,22 @@ class SimulatedFeed(PictureFeed):
 
     Args:
         camera: the simulated camera.
-        clock: the fleet's clock.
+        name: its name in the fleet, for the log of pictures.
+        services: have the fleet's clock, and perhaps that log.
         fps: pictures are at least 1 / fps apart; None for a picture of the moment of each call.
         is_drawn: markers are searched in pictures; if not, the world tells where they are in view.
     """
 
-    def __init__(self, camera: Any, clock: Clock, fps: float | None, *, is_drawn: bool = True) -> None:
+    def __init__(
+        self, camera: Any, name: str, services: FleetServices, fps: float | None, *, is_drawn: bool = True
+    ) -> None:
         self._camera = camera
-        self._clock = clock
+        self._name = name
+        self._services = services
         self._period_s = 1.0 / fps if fps else 0.0
         self._is_drawn = is_drawn
         self._last: tuple[Image, float] | None = None
-        self._last_known: tuple[list[Detection], float] | None = None
+        self._last_known: tuple[Found, float] | None = None
 
     @override
     def newest(self) -> tuple[Image, float]:
@@ -112,14 +119,30 @@ class SimulatedFeed(PictureFeed):
         return self._last
 
     @override
-    def known(self) -> tuple[list[Detection], float] | None:
+    def known(self) -> tuple[Found, float] | None:
         if not self._is_drawn and (self._last_known is None or self._is_due(self._last_known[1])):
             markers, stamp_s = self._camera.markers()
-            self._last_known = [Detection(*marker) for marker in markers], stamp_s
+            self._last_known = Found([Detection(*marker) for marker in markers], is_whole=True), stamp_s
+        elif self._is_drawn and all(self._is_due(last[1]) for last in (self._last, self._last_known) if last):
+            self._last_known = self._repeated()
         return self._last_known
 
+    def _repeated(self) -> tuple[Found, float] | None:
+        """Return what another run found in the picture of now, if its past is repeated."""
+        log = self._services.picture_log
+        if log is None or not log.has_past:
+            return None
+        stamp_s = self._camera.instant_s()
+        found = log.find(self._name, stamp_s)
+        return None if found is None else (Found.from_json(found), stamp_s)
+
+    @override
+    def note(self, found: Found, stamp_s: float) -> None:
+        if self._is_drawn and (log := self._services.picture_log) is not None:
+            log.add(self._name, stamp_s, found.to_json())
+
     def _is_due(self, last_s: float) -> bool:
-        return self._clock.now() >= last_s + self._period_s - _SLACK_S
+        return self._services.clock.now() >= last_s + self._period_s - _SLACK_S
 
 
 def open_feed(context: PluginContext, name: str, settings: CameraSettings, *, is_drawn: bool = True) -> PictureFeed:
@@ -136,7 +159,8 @@ def open_feed(context: PluginContext, name: str, settings: CameraSettings, *, is
     """
     if str(settings.source).startswith(SIMULATED):
         camera = context.simulated_camera(str(settings.source))
-        return SimulatedFeed(camera, context.clock, settings.fps, is_drawn=is_drawn)
+        place = f"{context.robot}/{name}"
+        return SimulatedFeed(camera, place, context.services, settings.fps, is_drawn=is_drawn)
     source = PictureSource.of(settings.source)
     opener = source.opener(loop=settings.loop, fps=settings.fps, fourcc=settings.fourcc, timeout_s=settings.timeout_s)
     if not source.kind.is_live:

@@ -185,10 +185,14 @@ class Tracker:
                 self._problems.replace(["camera_not_ready"], name, failed)
                 continue
             self._problems.replace(["camera_not_ready"], name, [])
-            if known is not None:
-                camera.take(*known)
+            found = None
+            if known is not None and stamp_s != camera.stamp_s:
+                found, _ = known
+                camera.take(found, stamp_s)
             elif picture is not None:
-                camera.process(picture, stamp_s)
+                found = camera.process(picture, stamp_s)
+            if found is not None:
+                feed.note(found, stamp_s)
             if self._begun_s is None:
                 self._begun_s = stamp_s
             self._seen_s |= dict.fromkeys(camera.sightings, stamp_s)

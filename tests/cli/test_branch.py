@@ -7,6 +7,7 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
+import cv2
 import pytest
 
 from eal_actors.recording import RunFolder, first_difference
@@ -121,3 +122,51 @@ def test_bisect_finds_the_commit_that_changed_the_record(eal: Any, run: Path, tm
     assert result.exit_code == 1, result.output
     assert "change 3" in result.stdout
     assert "'send_cmd Base l30', now 'send_cmd Base l45'" in " ".join(result.stdout.split())
+
+
+TRACKED = """\
+    version: 1
+    name: tracked
+    include: [ceiling]
+    seed: 2
+    clock: {rate: max}
+    world: hall
+    robots:
+      ann: {type: roomba, pose: {marker: 10}, plugins: {sim: {start: {x_m: -1, y_m: 0}}}}
+"""
+
+
+@pytest.mark.slow
+def test_a_branch_draws_no_picture_of_its_past_again(
+    eal: Any, write: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A tracker's pictures took 12.2 of the 13.7 s of a branch."""
+    monkeypatch.chdir(tmp_path)
+    write("legs.yaml", SCENARIO.replace("repeat: 3", "repeat: 8")), write("tracked.yaml", TRACKED)
+    searched: list[Any] = []
+    convert = cv2.cvtColor
+
+    def counted(picture: Any, code: int) -> Any:
+        searched.append(code)  # each picture that is searched becomes grey first
+        return convert(picture, code)
+
+    monkeypatch.setattr(cv2, "cvtColor", counted)
+    result = eal("run", "legs.yaml", "--fleet", "tracked.yaml", "--no-plot", "--bind", "all=ann")
+    assert result.exit_code == 0, result.output
+    (run,) = (tmp_path / "runs").iterdir()
+    pictures = searched.count(cv2.COLOR_BGR2GRAY)
+    assert pictures > 8
+
+    def branch(at_s: float, change: str) -> Any:
+        searched.clear()
+        result = eal("branch", run, "--at", at_s, "--set", f"leg_m={change}", "--json")
+        assert result.exit_code == 0, result.output
+        return json.loads(result.stdout)
+
+    same = branch(8.0, "0.2")
+    assert same["first_difference"] is None  # every bit after the change is that of a run that draws all
+    assert searched.count(cv2.COLOR_BGR2GRAY) < pictures / 2
+    other = branch(8.0, "0.4")
+    assert "now 'send_cmd Base f0.4'" in other["first_difference"]
+    again = json.loads(eal("branch", same["run"], "--at", "8", "--set", "leg_m=0.4", "--json").stdout)
+    assert first_difference(RunFolder.open(Path(other["run"])), RunFolder.open(Path(again["run"]))) is None

@@ -101,7 +101,7 @@ def branch(request: BranchRequest, runs_dir: Path) -> Branch:
     content = _with_faults(content, past.config, request.added, start_s + request.at_s)
     values = {name: changed[name] for name in request.parameters}
     config = load_content(content, past.config.source)
-    copied = RepeatedPast(past.folder, round(request.at_s - _SAMPLED_S, 3), start_s)
+    copied = RepeatedPast(past.folder, round(request.at_s - _SAMPLED_S, 3), start_s, request.at_s)
     for repeated in (copied, None) if copied.until_s > 0 else (None,):
         directory = _new_folder(request, runs_dir, scenario.name)
         report = _perform(scenario, config, past, directory, (request.at_s, values), repeated)

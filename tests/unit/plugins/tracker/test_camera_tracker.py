@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from eal_actors.plugin import FloorMarker, NotReadyError
+from plugins.tracker.detector import Found
 from plugins.tracker.feeds import PictureFeed
 from plugins.tracker.lens import Lens
 from plugins.tracker.settings import MarkerGroup
@@ -28,6 +30,7 @@ class Pictures(PictureFeed):
     def __init__(self) -> None:
         self.stamp_s = 0.0
         self.image: NDArray[np.uint8] | None = None
+        self.noted: list[tuple[str, float]] = []
 
     def show(self, image: NDArray[np.uint8] | None, after_s: float = 1 / 30) -> None:
         self.image = image
@@ -37,6 +40,9 @@ class Pictures(PictureFeed):
         if self.image is None:
             raise NotReadyError("the cable is out")
         return self.image, self.stamp_s
+
+    def note(self, found: Found, stamp_s: float) -> None:
+        self.noted.append((json.dumps(found.to_json()), stamp_s))
 
 
 class Rig:
@@ -244,3 +250,33 @@ def test_cameras_that_expose_at_different_times_agree_on_a_robot_that_drives() -
         found = rig.tracker.fixes()
     assert_poses({1: found.fixes[0].pose}, [Mark(1, -0.5 + 0.4 * found.stamp_s, 0.2, 0.3, 30)])
     assert "cameras_disagree" not in rig.kinds()
+
+
+class Repeated(PictureFeed):
+    """Findings in pictures, without the pictures."""
+
+    def __init__(self, noted: Sequence[tuple[str, float]]) -> None:
+        self.noted = list(noted)
+
+    def known(self) -> tuple[Found, float]:
+        text, stamp_s = self.noted.pop(0)
+        return Found.from_json(json.loads(text)), stamp_s
+
+    def newest(self) -> tuple[NDArray[np.uint8], float]:
+        raise AssertionError("no picture is drawn again")
+
+
+def test_what_was_noted_gives_the_same_fixes_to_the_bit_without_pictures() -> None:
+    """Whole pictures, windows of pictures, and the mirrored markers."""
+    first, again = Rig(), Rig()
+    fixes = []
+    for step in range(12):
+        robots = [Mark(one.number, one.x_m + 0.004 * step, one.y_m, one.z_m, one.yaw_deg) for one in ROBOTS]
+        fixes.append(first.show(draw((*robots, *FLOOR))))
+    noted = first.feeds[0].noted
+    assert {json.loads(text)["is_whole"] for text, _ in noted} == {True, False}
+    again.tracker.add_camera("camera-0", LENS, Repeated(noted))
+    for before in fixes:
+        after = again.poses()
+        assert before.keys() == after.keys() == {1, 2, 3}
+        assert all((before[number] == after[number]).all() for number in before)
