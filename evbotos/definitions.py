@@ -147,7 +147,7 @@ def _with_includes(
         problems.append(Problem(file, 0, 0, "include", f"include loop: {' -> '.join([*way, name])}"))
         return image
     lists: dict[str, list[str]] = {key: [] for key in LISTS}
-    architectures = image.architectures
+    architectures, project = image.architectures, image.project
     for other in image.include:
         if other not in raw:
             if (folder / "images" / f"{other}.yaml").is_file():
@@ -156,13 +156,13 @@ def _with_includes(
             problems.append(Problem(file, 0, 0, "include", message))
             continue
         base = _with_includes(other, raw, folder, problems, (*way, name))
-        architectures = architectures or base.architectures
+        architectures, project = architectures or base.architectures, project or base.project
         for key in LISTS:
             lists[key] += getattr(base, key)
     joined = {key: tuple(dict.fromkeys([*lists[key], *getattr(image, key)])) for key in LISTS}
     asked = set(joined["packages"])  # an image's own packages override what an included image leaves out
     joined["drop_packages"] = tuple(name for name in joined["drop_packages"] if name not in asked)
-    return image.model_copy(update={**joined, "architectures": architectures})
+    return image.model_copy(update={**joined, "architectures": architectures, "project": project})
 
 
 def _with_own_kernel(platform: Platform, local: Local) -> Platform:

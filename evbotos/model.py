@@ -79,7 +79,7 @@ class PackagedKernel(StrictModel):
     package: PackageName
     """The package, such as `linux-image-cloud-amd64`."""
     modules: Texts
-    """Modules to load before mounting the root, in addition to their dependencies."""
+    """Modules to load before mounting the root, in addition to their dependencies; parameters may follow a name."""
     device_trees: Texts = ()
     """The device trees to keep, such as `sun4i-a10-cubieboard.dtb`."""
 
@@ -260,7 +260,7 @@ class Image(StrictModel):
     wheels: Annotated[tuple[WheelName, ...], Field(strict=False)] = ()
     """Python packages, installed with their dependencies."""
     project: bool = False
-    """Whether the image contains this project with its plugins and fleets."""
+    """Whether the image, like what builds on it, contains this project with its plugins and fleets."""
     services: Annotated[tuple[ServiceName, ...], Field(strict=False)] = ()
     """Services started at boot: folders of `evbotos/rootfs/services`."""
     files: Annotated[tuple[LayerName, ...], Field(strict=False)] = ()

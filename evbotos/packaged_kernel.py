@@ -17,6 +17,8 @@ from evbotos.shell import run
 
 INIT: Final = Path(__file__).parent / "kernel/initrd-init"
 MODULES: Final = "modules"
+PARAMETERS: Final = ".parameters"
+"""The suffix of a file beside a module, with its parameters."""
 _DEPENDS: Final = re.compile(rb"\0depends=([^\0]*)\0")
 """The field of a module that lists its dependencies."""
 _FOLDER, _PROGRAM, _FILE, _CONSOLE = 0o040755, 0o100755, 0o100644, 0o020600
@@ -45,8 +47,16 @@ def unpack_kernel(package: Path, wanted: PackagedKernel, out: Path) -> None:
             if name not in trees:
                 raise BuildError(f"{wanted.package} has no device tree {name}")
             shutil.copy(trees[name], out / name)
-        for number, module in enumerate(in_order(wanted.modules, files, built_in)):
-            shutil.copyfile(module, out / MODULES / f"{number:03}-{module.name}")
+        parameters = {_module(words): words.partition(" ")[2] for words in wanted.modules}
+        for number, module in enumerate(in_order(tuple(parameters), files, built_in)):
+            copy = Path(shutil.copyfile(module, out / MODULES / f"{number:03}-{module.name}"))
+            if given := parameters.get(_module(module.stem)):
+                copy.with_suffix(PARAMETERS).write_text(f"{given}\n")
+
+
+def _module(words: str) -> str:
+    """Return the name of a module as the kernel knows it; parameters may follow it."""
+    return words.partition(" ")[0].replace("-", "_")
 
 
 def _lines(folder: Path, name: str) -> Iterator[str]:

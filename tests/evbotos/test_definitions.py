@@ -164,6 +164,16 @@ def test_unknown_names_are_told_with_what_was_meant(folder: Path) -> None:
         found.image("lage")
 
 
+def test_what_builds_on_the_robot_image_contains_this_project() -> None:
+    found = load_definitions()
+    assert {name for name, image in found.images.items() if image.project} == {"dev", "robot", "vision"}
+    assert {name for name, image in found.images.items() if "robot" in image.services} == {
+        "dev",
+        "robot",
+        "vision",
+    }
+
+
 def test_an_image_is_for_its_architectures_and_so_is_what_builds_on_it(folder: Path) -> None:
     (folder / "images/small.yaml").write_text(SMALL + "architectures: [arm64]\n")
     found = load_definitions(folder=folder)

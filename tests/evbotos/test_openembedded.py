@@ -6,6 +6,7 @@ import importlib.util
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 from dataclasses import replace
@@ -163,6 +164,13 @@ def test_every_source_has_a_hash() -> None:
             assert re.search(r'SRC_URI\[sha256sum\] = "[0-9a-f]{64}"', text), path.name
     crates = next(iter(recipes("*-crates"))).read_text()
     assert crates.count("crate://") == crates.count(".sha256sum] = ") > 100
+
+
+def test_the_maintainers_can_be_a_word_of_a_shell() -> None:
+    """vim of openembedded-core has --with-modified-by='${MAINTAINER}' in its configuration: an apostrophe breaks it."""
+    text = (FOLDER / "meta-evbotos-distro/conf/distro/evbotos.conf").read_text()
+    (maintainers,) = re.findall(r'^MAINTAINER = "(.*)"$', text, re.MULTILINE)
+    assert shlex.split(f"--with-modified-by='{maintainers}'") == [f"--with-modified-by={maintainers}"]
 
 
 @pytest.mark.skipif(importlib.util.find_spec("oelint_adv") is None, reason="oelint-adv is in the group `openembedded`")

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,8 @@ from evbotos.definitions import load_definitions
 from evbotos.errors import BuildError
 from evbotos.hosttools import needed_for
 from evbotos.lock import lock_path
-from evbotos.packaged_kernel import in_order
+from evbotos.model import PackagedKernel
+from evbotos.packaged_kernel import in_order, unpack_kernel
 from evbotos.plan import make_plan
 
 LOCAL = """version: 1
@@ -42,6 +44,33 @@ def test_each_module_comes_after_what_it_needs_and_once(files: dict[str, Path]) 
 def test_a_module_that_is_not_there_is_named(files: dict[str, Path]) -> None:
     with pytest.raises(BuildError, match="no module zstd_decompress"):
         in_order(("squashfs",), files, set())
+
+
+def test_a_module_may_have_parameters(tmp_path: Path, files: dict[str, Path]) -> None:
+    package = tmp_path / "package"
+    for name, path in files.items():
+        place = package / "lib/modules/6.1/kernel" / f"{name}.ko"
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_bytes(path.read_bytes().replace(b"zstd-decompress", b""))
+    (package / "boot").mkdir()
+    (package / "boot/vmlinuz-6.1").write_bytes(b"kernel")
+    (package / "DEBIAN").mkdir()
+    (package / "DEBIAN/control").write_text(
+        "Package: linux\nVersion: 1\nArchitecture: amd64\nMaintainer: a <a@b.c>\nDescription: d\n"
+    )
+    subprocess.run(["dpkg-deb", "-b", package, tmp_path / "linux.deb"], check=True, stdout=subprocess.DEVNULL)
+    wanted = PackagedKernel(package="linux", modules=("squashfs", "virtio-blk num_request_queues=2"))
+    (tmp_path / "work").mkdir()
+    unpack_kernel(tmp_path / "linux.deb", wanted, tmp_path / "work/out")
+    found = {path.name: path for path in (tmp_path / "work/out/modules").iterdir()}
+    assert sorted(found) == [
+        "000-squashfs.ko",
+        "001-virtio.ko",
+        "002-virtio_ring.ko",
+        "003-virtio_blk.ko",
+        "003-virtio_blk.parameters",
+    ]
+    assert found["003-virtio_blk.parameters"].read_text() == "num_request_queues=2\n"
 
 
 def test_a_user_may_take_debians_kernel_and_then_nothing_is_compiled(tmp_path: Path) -> None:

@@ -46,6 +46,8 @@ RDEPENDS:${PN}-dev-image = "\
     python3-cffi \
     python3-core \
     python3-dev \
+    python3-eal-actors \
+    python3-eal-actors-plugins \
     python3-eclipse-zenoh \
     python3-modules \
     python3-msgpack \
@@ -164,6 +166,8 @@ RDEPENDS:${PN}-vision-image = "\
     openssh-sftp-server \
     python3-cffi \
     python3-core \
+    python3-eal-actors \
+    python3-eal-actors-plugins \
     python3-eclipse-zenoh \
     python3-modules \
     python3-msgpack \
