@@ -16,6 +16,7 @@ from eal_actors.cli.records import RunArgument, reading_run
 from eal_actors.cli.run_options import RunsDirOption
 from eal_actors.lab.branching import BranchRequest, bisect, branch
 from eal_actors.lab.branching.branch import parse_fault
+from eal_actors.recording import RunFolder
 from eal_actors.recording.provenance import kept_scenario
 from eal_actors.scenario import load_scenario
 from eal_actors.scenario.language.parameters import read_settings
@@ -49,8 +50,9 @@ def branch_run(
     except ValueError as error:
         raise typer.BadParameter(str(error), param_hint="'--with-fault'") from error
     if not (without_fault or added or settings or scenario):
-        raise typer.BadParameter("give --without-fault, --with-fault, --set or --scenario", param_hint="'--at'")
+        raise typer.BadParameter("give --without-fault, --with-fault, --set or --scenario")
     with reading_run():
+        RunFolder.open(run)  # names a folder that is none of a run
         file = load_scenario(scenario or kept_scenario(run)).file
         try:
             parameters = read_settings(file, settings or ())

@@ -45,7 +45,8 @@ def show_scenario(
         write_json([{"depth": one.depth, "kind": one.kind, "text": one.text, "line": one.line} for one in lines])
         return
     console = stdout()
-    tree = Tree(Text.assemble((loaded.name, "bold"), f": {loaded.file.description}"), guide_style="dim")
+    about = f": {loaded.file.description}" if loaded.file.description else ""
+    tree = Tree(Text.assemble((loaded.name, "bold"), about), guide_style="dim")
     open_nodes = [tree]
     for line in lines:
         del open_nodes[line.depth + 1 :]

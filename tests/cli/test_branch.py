@@ -82,6 +82,10 @@ def test_a_branch_without_the_fault_has_the_same_past_and_ends_well(eal: Any, ru
     refused = eal("branch", run, "--at", "1.2", "--without-fault", "stuck_left")
     assert refused.exit_code != 0
     assert "its faults are: ann.dead" in " ".join(refused.output.split())
+    (tmp_path / "empty").mkdir()
+    refused = eal("branch", tmp_path / "empty", "--at", "1", "--set", "leg_m=0.1")
+    assert refused.exit_code == 2
+    assert "is no folder of a run: it has no events.jsonl" in " ".join(refused.output.replace("│", " ").split())
     assert first_difference(RunFolder.open(run), RunFolder.open(run)) is None
 
     summary = json.loads((run / "summary.json").read_text())
