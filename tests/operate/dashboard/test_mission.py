@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 
 import pytest
@@ -81,6 +81,25 @@ def test_an_alert_names_the_robot_and_goes_when_it_is_over(
         expect(page.get_by_role("heading", name="one")).to_be_visible()
 
 
+def test_the_same_alert_of_many_robots_is_one(open_page: OpenPage, tmp_path: Path) -> None:
+    names = [f"robot{number}" for number in range(1, 7)]
+    with (
+        counting_fleet(tmp_path, *names).connect() as fleet,
+        open_dashboard(fleet) as dashboard,
+        open_page(dashboard.link + "#/fleet") as page,
+    ):
+        expect(page.locator("tr[data-robot]")).to_have_count(len(names))
+        page.get_by_label("Select all shown robots").check()
+        chosen = page.locator(".selection")
+        chosen.get_by_label("Command").select_option(label="Base: fail")
+        chosen.get_by_role("button", name="Send").click()
+        page.evaluate("location.hash = '#/mission'")
+        alerts = page.get_by_role("region", name="Alerts").locator("li")
+        expect(alerts).to_contain_text([re.compile("robot1 robot2 robot3 and 3 more Base fail: .*fell off")])
+        alerts.get_by_role("link", name="and 3 more").click()
+        expect(page.get_by_role("heading", name="Fleet")).to_be_visible()
+
+
 def test_a_map_without_poses_explains_itself(open_page: OpenPage, tmp_path: Path) -> None:
     counting_fleet(tmp_path, "one")
     write_plugin(tmp_path, "counting", COUNTING_PLUGIN, "Base")
@@ -123,10 +142,25 @@ def test_the_table_is_searched_sorted_and_grouped(open_page: OpenPage, dashboard
         expect(page.get_by_role("rowheader", name="no tag (2)")).to_be_visible()
 
 
+def test_a_selection_outlives_a_lost_server(open_page: OpenPage, fleet: Fleet) -> None:
+    with ExitStack() as stack:
+        dashboard = stack.enter_context(open_dashboard(fleet))
+        page = stack.enter_context(open_page(dashboard.link + "#/fleet", expects_errors=True))
+        expect(page.locator("tr[data-robot]")).to_have_count(2)
+        page.get_by_label("Select two").check()
+        dashboard.close()
+        expect(page.locator("#connection")).to_contain_text("no connection")
+        stack.enter_context(open_dashboard(fleet, port=dashboard.port))
+        expect(page.locator("#connection")).to_contain_text("connected")
+        expect(page.locator(".selection")).to_contain_text("1 selected")
+        expect(page.get_by_label("Select two")).to_be_checked()
+
+
 def test_a_selection_is_commanded_together_with_a_checked_argument(
     open_page: OpenPage, fleet: Fleet, dashboard: Dashboard
 ) -> None:
     with open_page(dashboard.link + "#/fleet") as page:
+        expect(page.locator("tr[data-robot]")).to_have_count(2)
         page.get_by_label("Select all shown robots").check()
         bar = page.locator(".selection")
         expect(bar).to_contain_text("2 selected")

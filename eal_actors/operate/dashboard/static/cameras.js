@@ -84,8 +84,7 @@ export function camerasView(root) {
       .flatMap((robot) => (store.robots[robot]?.cameras ?? []).map((camera) => `${robot}/${camera}`));
     if (keys.join() !== shownKeys) {
       shownKeys = keys.join();
-      const atFirst = keys.slice(0, keys.length > mostCameras() ? 1 : mostCameras());
-      const current = new Set(chosen ? keys.filter((key) => chosen?.has(key)) : atFirst);
+      const current = new Set(chosen ? keys.filter((key) => chosen?.has(key)) : keys.slice(0, mostCameras()));
       chosen = current;
       list.replaceChildren(...keys.map((key) => choiceOf(key, current)));
       if (!keys.length) list.append(el("span", { class: "faint" }, "No robot has a camera."));

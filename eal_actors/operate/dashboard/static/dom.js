@@ -135,3 +135,8 @@ export function fitCanvas(canvas, width, height) {
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
   return context;
 }
+
+/** @param {string} robot */
+export function linkToRobot(robot) {
+  return el("a", { href: `#/robot/${encodeURIComponent(robot)}` }, robot);
+}

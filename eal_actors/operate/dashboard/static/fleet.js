@@ -116,8 +116,10 @@ class FleetTable {
     };
   }
 
+  /** Make the rows of the robots that there are now; those that stay selected stay so. */
   reset() {
-    this.rows = store.names().map((name) => new Row(name, () => this.showSelection()));
+    const kept = new Map(this.rows.map((row) => [row.name, row]));
+    this.rows = store.names().map((name) => kept.get(name) ?? new Row(name, () => this.showSelection()));
     this.#order = "";
     this.showSelection();
   }

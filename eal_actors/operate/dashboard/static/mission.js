@@ -1,21 +1,19 @@
 // Mission control: the map, the robots, their cameras and what needs a person, on one page.
 
+import { showAlerts } from "./alerts.js";
 import { Tile } from "./cameras.js";
-import { clockTime, el, meterOf, setText, throttled } from "./dom.js";
+import { el, linkToRobot, meterOf, setText, throttled } from "./dom.js";
 import { mostCameras, watch } from "./frames.js";
 import { stateIcon } from "./icons.js";
 import { FleetMap } from "./map.js";
 import { robotColour } from "./map_robots.js";
 import { activitiesOf, activityText, isActive, LOW_BATTERY, matches, stateOf, store } from "./store.js";
 
-/** @import { Robot, Tone, View } from "./types" */
-/** @typedef {{ robot: string | null, tone: Tone, shape: string, text: string }} Alert */
+/** @import { Robot, View } from "./types" */
 
 const STRIP_HZ = 4;
 const STRIP_CAMERAS = 3; // one is left for the picture of the floor
-const MAX_ALERTS = 30;
 const READABLE_MS = 250; // texts that change more often are not read, and cost frames of the map
-const RECENT_MS = 10 * 60_000;
 const MANY = 8; // robots from which the list has a search field
 
 /** @param {HTMLElement} root @returns {View} */
@@ -64,88 +62,6 @@ export function missionView(root) {
       strip.leave();
     },
   };
-}
-
-// Alerts.
-
-/** Return what needs a person, the gravest first. @returns {Alert[]} */
-function currentAlerts() {
-  /** @type {Alert[]} */
-  const alerts = [];
-  for (const robot of store.names()) {
-    const state = store.robots[robot];
-    if (!state) continue;
-    const [shape, word, tone] = stateOf(state);
-    const reasons = [...reasonsNotReady(state), ...state.problems];
-    if (tone !== "good" && !(state.stopped && state.is_stop_confirmed)) {
-      alerts.push({ robot, tone, shape, text: [word, ...reasons].join(" · ") });
-    }
-    if (state.battery !== null && state.battery < LOW_BATTERY) {
-      alerts.push({ robot, tone: "warn", shape: "▽", text: `battery ${Math.round(state.battery * 100)} %` });
-    }
-    if (state.last_error) alerts.push({ robot, tone: "warn", shape: "▲", text: state.last_error });
-  }
-  if (store.run.phase === "ended" && store.run.outcome && store.run.outcome !== "done") {
-    const { outcome, error, scenario } = store.run;
-    const text = [`${scenario}: ${outcome}`, error].filter(Boolean).join(": ");
-    alerts.push({ robot: null, tone: "bad", shape: "✕", text });
-  }
-  const now = Date.now();
-  const logged = store.logs.filter(
-    ({ level, at }) => (level === "error" || level === "critical") && now - new Date(at).getTime() < RECENT_MS,
-  );
-  for (const line of logged.slice(-5).reverse()) {
-    const text = `${clockTime(new Date(line.at))} ${line.text}`;
-    alerts.push({ robot: line.robot, tone: "bad", shape: "✕", text });
-  }
-  const order = { bad: 0, warn: 1, good: 2 };
-  return alerts.sort((one, other) => order[one.tone] - order[other.tone]).slice(0, MAX_ALERTS);
-}
-
-/** Return why resources are not ready; those with the same reason together. @param {Robot} robot */
-function reasonsNotReady({ not_ready }) {
-  /** @type {Map<string, string[]>} */
-  const resources = new Map();
-  for (const [resource, reason] of Object.entries(not_ready)) {
-    const plain = reason.replace(/; next try in .*$/, "");
-    resources.set(plain, [...(resources.get(plain) ?? []), resource]);
-  }
-  return [...resources].map(([reason, names]) => `${names.join(", ")}: ${reason}`);
-}
-
-/** @param {HTMLElement} list @param {HTMLElement} count */
-function showAlerts(list, count) {
-  const alerts = currentAlerts();
-  const shown = JSON.stringify(alerts);
-  if (list.dataset.shown === shown) return;
-  list.dataset.shown = shown;
-  setText(count, alerts.length ? String(alerts.length) : "");
-  count.className = alerts.some(({ tone }) => tone === "bad") ? "count bad" : "count";
-  list.replaceChildren(
-    ...alerts.map(({ robot, tone, shape, text }) =>
-      el(
-        "li",
-        { class: `state ${tone}` },
-        stateIcon(shape),
-        el("span", { class: "what" }, robot ? linkTo(robot) : null, robot ? " " : null, text),
-      ),
-    ),
-  );
-  list.closest("section")?.classList.toggle("calm", !alerts.length);
-  if (!alerts.length)
-    list.append(
-      el(
-        "li",
-        { class: "state good" },
-        stateIcon("●"),
-        el("span", { class: "what faint" }, "Nothing needs attention."),
-      ),
-    );
-}
-
-/** @param {string} robot */
-function linkTo(robot) {
-  return el("a", { href: `#/robot/${encodeURIComponent(robot)}` }, robot);
 }
 
 // The run.
@@ -224,7 +140,7 @@ class RobotList {
     dot.style.background = robotColour(index);
     item.node.replaceChildren(
       dot,
-      el("span", { class: "what" }, linkTo(name), " ", el("span", { class: "faint small" }, robot?.type)),
+      el("span", { class: "what" }, linkToRobot(name), " ", el("span", { class: "faint small" }, robot?.type)),
       el("span", { class: `state ${tone} small` }, stateIcon(shape), word),
       el(
         "span",

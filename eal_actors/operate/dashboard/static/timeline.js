@@ -1,4 +1,4 @@
-// The timeline of a run: one row per robot, one bar per step.
+// The timeline of a run: one row per robot, one bar per step; steps of all robots together have the first row.
 
 import { colour, FONT, fitCanvas } from "./dom.js";
 import { shortLabel, store } from "./store.js";
@@ -62,10 +62,17 @@ export class Timeline {
     return noteOf(event);
   }
 
+  /** The rows: null stands for all robots together. @returns {(string | null)[]} */
+  rows() {
+    const isTogether = this.bars.has(null) || [...this.open.values()].some(({ robot }) => robot === null);
+    return isTogether ? [null, ...this.robots] : this.robots;
+  }
+
   /** @param {HTMLCanvasElement} canvas @param {HTMLElement} frame */
   draw(canvas, frame) {
+    const rows = this.rows();
     const width = frame.clientWidth;
-    const height = AXIS_PX + Math.max(1, this.robots.length) * ROW_PX + 4;
+    const height = AXIS_PX + Math.max(1, rows.length) * ROW_PX + 4;
     canvas.style.width = `${width}px`;
     canvas.style.height = `${height}px`;
     const context = fitCanvas(canvas, width, height);
@@ -77,10 +84,10 @@ export class Timeline {
     context.textBaseline = "middle";
     drawAxis(context, end, scale, height);
     context.textAlign = "left";
-    this.robots.forEach((robot, index) => {
+    rows.forEach((robot, index) => {
       const y = AXIS_PX + index * ROW_PX;
-      context.fillStyle = colour("--ink");
-      context.fillText(clip(context, robot, NAME_PX - 14), 8, y + ROW_PX / 2);
+      context.fillStyle = colour(robot === null ? "--faint" : "--ink");
+      context.fillText(clip(context, robot ?? "together", NAME_PX - 14), 8, y + ROW_PX / 2);
       for (const bar of this.bars.get(robot) ?? []) drawBar(context, bar, y, scale);
       for (const step of this.open.values()) {
         if (step.robot !== robot) continue;
