@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import resource
 import sys
 import time
 from collections.abc import Sequence
@@ -35,7 +36,18 @@ OTHERS = (
     "ballet:formation",
 )
 RUNS_OF_OTHERS = 60
-SCENARIOS = ("what", "runs", "single faults", "done", "failed safely", "findings", "time", "runs per second")
+SCENARIOS = (
+    "what",
+    "runs",
+    "single faults",
+    "done",
+    "failed safely",
+    "findings",
+    "time",
+    "processor time",
+    "runs per second",
+)
+"""The processor time, of all processes, hardly depends on what else the machine does: a proof keeps all cores busy."""
 BUGS = ("planted bug", "invariant", "runs", "findings", "least fleet", "trials to shrink it")
 MARK, MARK_OF_BUGS = "<!-- bench-proof -->", "<!-- bench-proof-bugs -->"
 
@@ -49,23 +61,24 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--planted", action="store_true", help="the planted bugs as well")
     parser.add_argument("--page", type=Path, help="the page to write the tables into")
     options = parser.parse_args(arguments)
+    load = os.getloadavg()[0]
     names = options.scenarios or ([] if options.planted and not options.others else THESIS)
     proofs = [_of_scenario(name, options.runs) for name in names]
     if options.others:
         proofs += [_of_scenario(name, RUNS_OF_OTHERS) for name in OTHERS]
     bugs = [_of_bug(number) for number in range(len(PLANTED))] if options.planted else []
-    _show(SCENARIOS, [row for row, _ in proofs], options.page, MARK)
-    _show(BUGS, [row for row, _ in bugs], options.page, MARK_OF_BUGS)
+    _show(SCENARIOS, [row for row, _ in proofs], options.page, MARK, load)
+    _show(BUGS, [row for row, _ in bugs], options.page, MARK_OF_BUGS, load)
     return 0 if all(is_good for _, is_good in (*proofs, *bugs)) else 1
 
 
-def _show(heads: Sequence[str], rows: Sequence[Sequence[str]], page: Path | None, mark: str) -> None:
+def _show(heads: Sequence[str], rows: Sequence[Sequence[str]], page: Path | None, mark: str, load: float) -> None:
     """Print a table, and replace its rows in a page."""
     if not rows:
         return
     before = {row[0]: row for row in rows_between(page, mark)} if page is not None else {}
     table = _table(heads, list({**before, **{row[0]: row for row in rows}}.values()))
-    text = f"{table}\n\nMeasured on {machine()}."
+    text = f"{table}\n\nMeasured on {machine()}; when it began, other programs made a load of {load:.0f}."
     sys.stdout.write(f"{text}\n")
     if page is not None:
         write_between(page, mark, text)
@@ -76,12 +89,17 @@ def _of_scenario(named: str, runs: int) -> tuple[Sequence[str], bool]:
     with TemporaryDirectory() as folder:
         config = EALConfigManager.load(bundled_path(f"fleets/{fleet or 'sim'}.yaml")).fleet
         scenario = load_scenario(bundled_path(f"scenarios/{name}.yaml"))
-        began_s = time.perf_counter()
+        began_s, used_s = time.perf_counter(), _processor_s()
         proof = prove(ProofRequest(scenario, config, Path(folder) / "proof", runs=runs, jobs=os.cpu_count() or 1))
-        took_s = time.perf_counter() - began_s
+        took_s, used_s = time.perf_counter() - began_s, _processor_s() - used_s
     count, safe = len(proof.cases), _count(proof, "failed") + _count(proof, "aborted") + _count(proof, "refused")
     row = (name, count, f"{proof.singles} of {proof.planned}", _count(proof, "done"), safe, len(proof.findings))
-    return [*map(str, row), f"{took_s:.1f} s", f"{count / took_s:.1f}"], proof.is_proven
+    return [*map(str, row), f"{took_s:.1f} s", f"{used_s:.1f} s", f"{count / took_s:.1f}"], proof.is_proven
+
+
+def _processor_s() -> float:
+    """Return the processor time of this process and of its workers that have ended."""
+    return sum(sum(resource.getrusage(who)[:2]) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
 
 
 def _count(proof: Proof, outcome: str) -> int:
