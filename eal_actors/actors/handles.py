@@ -231,11 +231,17 @@ class RobotHandle(RobotParts, Mapping[str, ResourceHandle]):
         """
         return self._actor.release(resources or tuple(self))
 
-    def wait_started(self, timeout_s: float) -> None:
+    @property
+    def has_started(self) -> bool:
+        """Whether it is up or has failed; else it is still starting. Thread: any."""
+        return self._view.started.done()
+
+    def wait_started(self, timeout_s: float, waited_s: float = 0.0) -> None:
         """Wait until every resource is up.
 
         Args:
             timeout_s: seconds of the fleet's clock to wait at most.
+            waited_s: how long the caller has waited for it before, for the error's message.
 
         Raises:
             RobotFailedError: it could not start.
@@ -248,7 +254,7 @@ class RobotHandle(RobotParts, Mapping[str, ResourceHandle]):
         except WaitTimeoutError:
             late = [name for name, cell in self._view.cells.items() if cell.actor is None]
             what = f"{', '.join(late)} did not start" if late else "its plugins did not connect"
-            raise UnavailableError(f"{what} within {timeout_s:g} s", robot=self.name) from None
+            raise UnavailableError(f"{what} within {timeout_s + waited_s:.3g} s", robot=self.name) from None
         self._check_state()
 
     def require_started(self) -> None:
@@ -258,7 +264,7 @@ class RobotHandle(RobotParts, Mapping[str, ResourceHandle]):
             RobotFailedError: it could not start, or has given up.
             UnavailableError: it has not started yet.
         """
-        if not self._view.started.done():
+        if not self.has_started:
             raise UnavailableError("has not started yet; see the log, or give connect more time", robot=self.name)
         self._check_state()
 

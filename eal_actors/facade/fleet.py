@@ -91,7 +91,8 @@ class Fleet(FleetCalls):
 
         Args:
             robots: the names of the robots to connect, with the trackers of their poses; all if None.
-            timeout_s: real seconds to wait at most; a robot that is late continues to start.
+            timeout_s: real seconds to wait at most until another robot is up: a thousand take longer than one. A robot
+                that is late continues to start.
 
         Raises:
             ConfigError: a plugin does not exist or refuses its settings, or the rate is max and robots are in other
@@ -109,7 +110,7 @@ class Fleet(FleetCalls):
                 for robot in wanted:  # one by one: `close` must know each if Ctrl-C strikes
                     if robot.name not in self._robots:
                         self._robots = {**self._robots, robot.name: self._start(robot)}
-            self._wait_started([robot.name for robot in wanted], self.clock.now() + self.clock.of_real(timeout_s))
+            self._wait_started([robot.name for robot in wanted], timeout_s)
             with self._start_lock:
                 self._forwarder.follow(self.config, self._robots)
         except BaseException:
@@ -122,14 +123,21 @@ class Fleet(FleetCalls):
         names = {name for robot in robots for name in (robot.name, *robot.pose.trackers)}
         return tuple(robot for name, robot in self.config.robots.items() if name in names)
 
-    def _wait_started(self, names: Iterable[str], end_s: float) -> None:
+    def _wait_started(self, names: Iterable[str], timeout_s: float) -> None:
+        """Wait until the robots are up or have failed, as long as one comes up every `timeout_s` real seconds."""
+        begin_s, patience_s = self.clock.now(), self.clock.of_real(timeout_s)
+        end_s = begin_s + patience_s
         for name in names:
+            robot, now_s = self[name], self.clock.now()
+            is_starting = not robot.has_started
             try:
-                self[name].wait_started(max(0.0, end_s - self.clock.now()))
+                robot.wait_started(max(0.0, end_s - now_s), now_s - begin_s)
+                if is_starting:
+                    end_s = self.clock.now() + patience_s
             except RobotFailedError:  # its actor has logged the reason
                 pass
             except UnavailableError as error:
-                if self[name].state is RobotState.LOST:  # its connection has logged the reason
+                if robot.state is RobotState.LOST:  # its connection has logged the reason
                     continue
                 get_logger(robot=name).error("robot is late", reason=error.message)
 
@@ -143,7 +151,7 @@ class Fleet(FleetCalls):
 
         Args:
             config: the new configuration; read from the fleet's file if None.
-            timeout_s: real seconds to wait at most for robots to start.
+            timeout_s: real seconds to wait at most until another robot is up.
 
         Returns:
             The robots that changed.
@@ -168,8 +176,7 @@ class Fleet(FleetCalls):
                 self.config, self._starter = starter.config, starter
                 self._adopt(changes)
             self._wait_started(
-                [name for name in (*changes.added, *changes.restarted) if name in self._robots],
-                self.clock.now() + self.clock.of_real(timeout_s),
+                [name for name in (*changes.added, *changes.restarted) if name in self._robots], timeout_s
             )
             with self._start_lock:
                 self._forwarder.follow(self.config, self._robots)
