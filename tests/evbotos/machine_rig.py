@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
@@ -14,6 +15,7 @@ import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
 
+from eal_actors.kernel.clock import REAL_TIME
 from evbotos.fields import ROOTFS
 from evbotos.slots import state_block
 from evbotos.update import write_update
@@ -21,9 +23,21 @@ from evbotos.verity import Verity
 from tests.evbotos.proof import parse_choice
 
 KEY = Ed25519PrivateKey.from_private_bytes(bytes(range(32)))
+LONGEST_START_S = 300.0
+"""The limit of a robot's start, beside others on a busy computer."""
+POWER = "power-cut"
+"""The file with the number of bytes of an update after which a machine loses its power."""
 OWN = "7.0.0.1700000000"
 VERITY = Verity(1, "ab" * 32, "cd" * 16)
 PROGRAMS = ROOTFS / "services/update/usr/lib/evbotos"
+
+
+def comes_true(happens: Callable[[], object]) -> bool:
+    """Poll what a machine's start brings about; return whether it happens in time."""
+    end_s = REAL_TIME.now() + LONGEST_START_S
+    while not happens() and REAL_TIME.now() < end_s:
+        REAL_TIME.sleep(0.05)
+    return bool(happens())
 
 
 def program(name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:

@@ -8,16 +8,16 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from uuid import uuid4
 
 from eal_actors.kernel.clock import REAL_TIME
 from evbotos.slots import state_block
 from evbotos.verity import Verity
-from tests.evbotos.machine_rig import OWN, choice, fill_machine
+from tests.evbotos.machine_rig import OWN, POWER, choice, comes_true, fill_machine
 from tests.evbotos.proof import eal, parse_choice
-from tests.net.links import eventually, free_port
+from tests.net.links import free_port
 
 FORMER = Verity(1, "0d" * 32, "cd" * 16)
 """The identity of the root that each machine has at first."""
@@ -48,7 +48,7 @@ class FolderMachine:
         slot = due if due and self._verity(due) and not self._content(due).startswith(BROKEN) else values["good"]
         values["try"] = ""
         (self.folder / "slots.env").write_bytes(state_block(values))
-        for name in ("new-slot", "reboots", "update.sock", "update.wake", "serve.log"):
+        for name in ("new-slot", "reboots", POWER, "update.sock", "update.wake", "serve.log"):
             (self.folder / name).unlink(missing_ok=True)
         (self.folder / "slot").write_text(f"{slot}\n")
         (self.folder / "start").write_text(f"{uuid4()}\n")
@@ -56,10 +56,15 @@ class FolderMachine:
             [sys.executable, "-m", "tests.evbotos.machine_process", self.folder, self.robot], start_new_session=True
         )
 
+    def lose_power_after(self, count: int) -> None:
+        """Let the machine lose its power once so many bytes of an update have been written, until its next start."""
+        (self.folder / POWER).write_text(str(count))
+
     def cut_power(self) -> None:
         """Kill all processes."""
         if self._process is not None:
-            os.killpg(self._process.pid, signal.SIGKILL)
+            with suppress(ProcessLookupError):  # it has lost its power
+                os.killpg(self._process.pid, signal.SIGKILL)
             self._process.wait()
             self._process = None
 
@@ -135,7 +140,7 @@ def machines_of(
     try:
         for machine in made.values():
             machine.boot()
-        assert eventually(lambda: all(machine.is_up() for machine in made.values())), OWN
+        assert comes_true(lambda: all(machine.is_up() for machine in made.values())), OWN
         loader.start()
         yield made
     finally:

@@ -14,9 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.evbotos.machine_rig import bundle
+from tests.evbotos.machine_rig import bundle, comes_true
 from tests.evbotos.machines import BROKEN, FolderMachine, machines_of
-from tests.net.links import eventually
 
 ROBOTS = int(os.environ.get("EVBOTOS_ROBOTS", "3"))
 OLD = random.Random(1).randbytes(8_000_000)  # noqa: S311  # contents of a root
@@ -64,23 +63,16 @@ def test_a_fleet_is_updated_with_a_power_cut_and_a_failure(tmp_path: Path) -> No
     (tmp_path / "turn.yaml").write_text(TURN)
     absent = {ill: "serial_port: {port: /dev/ttyS99}"}
     with machines_of(tmp_path, names, absent, OLD) as fleet:
-        with subprocess.Popen(
-            words_of(tmp_path), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-        ) as running:
-            assert running.stdout is not None
-            said = []
-            for line in running.stdout:
-                said.append(line)
-                if line.startswith(f"{cut}: receives") and 50 <= int(line.rstrip("%\n").split()[-1]) < 100:
-                    fleet[cut].cut_power()
-        assert running.returncode == 1, said
-        assert said[-1] == f"{ROBOTS - 2} updated; 1 absent ({cut}); 1 failed ({ill})\n", said
+        fleet[cut].lose_power_after(2_000_000)  # of three million bytes that are new
+        said = update(tmp_path).splitlines()
+        assert said[-1] == f"{ROBOTS - 2} updated; 1 absent ({cut}); 1 failed ({ill})", said
         assert all(runs(fleet[name], NEW) for name in names if name not in (cut, ill))
         assert runs(fleet[ill], OLD), said  # it came up, but not all of its resources are ready: it returned
 
         assert runs(fleet[cut], OLD)
+        fleet[cut].cut_power()
         fleet[cut].boot()
-        assert eventually(fleet[cut].is_up)
+        assert comes_true(fleet[cut].is_up)
         again = update(tmp_path, "--robot", first, "--robot", cut, "--check", str(tmp_path / "turn.yaml"))
         assert again.endswith("2 updated\n"), again
         assert f"{first}: receives" not in again
