@@ -38,6 +38,7 @@ _AT_END_M: Final = 0.0002  # below the resolution of the encoders
 _NEAR_COUNTS: Final = 1.5  # tolerance of the end of a motion, in encoder counts
 _OVERSHOT_M: Final = 0.003  # a motion that overshoots by this drives back
 _ATTEMPTS: Final = 4  # corrections of a motion, because its progress between readings is estimated
+_HELD_UP_S: Final = 0.25  # the poller is late by this if the program was held up
 _STALL_S: Final = 2.0  # without a count from driven wheels; the slowest turn counts twice a second
 
 
@@ -50,6 +51,7 @@ class RoombaBase(DifferentialBase):
         self._roomba = roomba
         self._most_off_rad = _MOST_OFF_CHECKED_RAD if roomba.has_checksums else _MOST_OFF_RAD
         self._in_motion = False
+        self._held_up_s = 0.0  # the longest time in a motion
         self._twist_until_s: float | None = None
         self._twist_forward = False
 
@@ -70,6 +72,8 @@ class RoombaBase(DifferentialBase):
             self._watch_twist()
             until_s = poll_at_s if self._twist_until_s is None else min(poll_at_s, self._twist_until_s)
             yield max(0.0, until_s - clock.now())
+            if (late_s := clock.now() - until_s) > _HELD_UP_S:
+                self._held_up_s = max(late_s, self._held_up_s)
 
     def get_status(self) -> int:
         """Return 0 while it stands, 1 while it moves, 2 while it is blocked."""
@@ -86,12 +90,14 @@ class RoombaBase(DifferentialBase):
 
     @override
     def clearance_m(self, *, forward: bool) -> float:
-        contacts = self._roomba.latest().contacts
+        contacts = self._roomba.latest_in_motion().contacts
         return 0.0 if forward and (contacts.bump_left or contacts.bump_right) else math.inf
 
     @override
     def is_held(self) -> bool:
-        contacts = self._roomba.latest().contacts  # not the bumper: it stays pressed while the robot turns away
+        contacts = (
+            self._roomba.latest_in_motion().contacts
+        )  # not the bumper: it stays pressed while the robot turns away
         return contacts.overcurrent_drive_left or contacts.overcurrent_drive_right
 
     @property
@@ -120,20 +126,26 @@ class RoombaBase(DifferentialBase):
         """Carry out a motion, from rest to rest; return 1 where it ends at its goal."""
         if self._twist_until_s is not None:
             self.halt()
-        self._in_motion = True
+        self._in_motion, self._held_up_s = True, 0.0
         try:
             yield from self._come_to_rest()
-            goal = MotionGoal.of(self._roomba.latest().pose, distance_m, angle_rad)
+            goal = MotionGoal.of(self._roomba.latest_in_motion().pose, distance_m, angle_rad)
             doubt = self._roomba.travel_doubt
             yield from self._travel(motion, goal)
             self._check_goal(goal, *self._doubt(doubt, distance_m))
             return 1
+        except ResourceFaultError as error:
+            if self._held_up_s:
+                raise ResourceFaultError(
+                    f"{error.message}; this program was held up for {self._held_up_s:.1f} s during the motion"
+                ) from error
+            raise
         finally:
             self._in_motion = False
 
     def _travel(self, motion: TimedMotion, goal: MotionGoal) -> Activity:
         """Travel a motion's length; what damaged commands added is taken back."""
-        doubt, start_m = self._roomba.travel_doubt, motion.counted_m(self._roomba.latest())
+        doubt, start_m = self._roomba.travel_doubt, motion.counted_m(self._roomba.latest_in_motion())
         for _ in range(_ATTEMPTS):
             try:
                 yield from self._go(motion, start_m, goal, doubt)
@@ -142,22 +154,22 @@ class RoombaBase(DifferentialBase):
             yield from self._come_to_rest()
             if motion.ahead:
                 yield from self._turn_back(goal)
-            left_m = motion.left_m(self._roomba.latest(), start_m)
+            left_m = motion.left_m(self._roomba.latest_in_motion(), start_m)
             if -_OVERSHOT_M < left_m < _NEAR_COUNTS * self._roomba.count_m:
                 break
             if left_m < 0:  # a command to slow down was lost
                 motion = motion.back(-left_m)
-                start_m = motion.counted_m(self._roomba.latest())
+                start_m = motion.counted_m(self._roomba.latest_in_motion())
 
     def _turn_back(self, goal: MotionGoal) -> Activity:
         """Turn back to the heading of a straight drive, if it was lost."""
-        _, off_rad = goal.off(self._roomba.latest().pose)
+        _, off_rad = goal.off(self._roomba.latest_in_motion().pose)
         if abs(off_rad) > _HEADING_RAD:
             yield from self._travel(self._turning(off_rad, _TURN_BACK_RAD_S), goal)
 
     def _check_goal(self, goal: MotionGoal, doubt_m: float, doubt_rad: float) -> None:
         """Raise ResourceFaultError if the robot may not stand at its goal."""
-        off_m, off_rad = goal.off(self._roomba.latest().pose)
+        off_m, off_rad = goal.off(self._roomba.latest_in_motion().pose)
         if off_m + doubt_m > _MOST_OFF_M or abs(off_rad) + doubt_rad > self._most_off_rad:
             raise ResourceFaultError(
                 f"it stands {off_m:.3f} m and {math.degrees(abs(off_rad)):.1f} degrees from the end of the motion, "
@@ -171,12 +183,14 @@ class RoombaBase(DifferentialBase):
         Raises:
             ResourceFaultError: they turn on.
         """
-        begun_s = self._roomba.clock.now()
-        while self._roomba.clock.now() - begun_s < _REST_S + 2 * self._roomba.lag_s:
-            reading = self._roomba.latest()
+        begun_s, waited_s = self._roomba.clock.now(), 0.0  # a program that is held up has not looked meanwhile
+        while waited_s < _REST_S + 2 * self._roomba.lag_s:
+            reading = self._roomba.latest_in_motion()
             if reading.stamp_s >= begun_s and reading.stands:
                 return
-            yield self._roomba.next_look_s()
+            look_s = self._roomba.next_look_s()
+            yield look_s
+            waited_s += look_s
         raise ResourceFaultError("it was stopped, and its wheels still turn; the stop is repeated")
 
     def _go(self, motion: TimedMotion, start_m: float, goal: MotionGoal, doubt: Travel) -> Activity:
@@ -184,7 +198,7 @@ class RoombaBase(DifferentialBase):
         begun_s, changed_s = self._roomba.clock.now(), -math.inf
         progress, watch = MotionProgress(motion, start_m, begun_s), SlipWatch(is_turn=not motion.ahead)
         while True:
-            reading, now_s, lag_s = self._roomba.latest(), self._roomba.clock.now(), self._roomba.lag_s
+            reading, now_s, lag_s = self._roomba.latest_in_motion(), self._roomba.clock.now(), self._roomba.lag_s
             self._check_motion(forward=motion.goes_forward)
             self._check_doubt(doubt)
             watch.update(reading.stamp_s, motion.counted_m(reading), is_held=self.is_held())
@@ -222,7 +236,7 @@ class RoombaBase(DifferentialBase):
 
     def _check_motion(self, *, forward: bool) -> None:
         """Raise ResourceFaultError if the robot must stop, or has ended the motion by itself."""
-        _check_ground(self._roomba.latest().contacts, forward=forward)
+        _check_ground(self._roomba.latest_in_motion().contacts, forward=forward)
         if (why := self._roomba.interruption) is not None:
             raise ResourceFaultError(f"halted: {why}")
 
@@ -232,7 +246,7 @@ class RoombaBase(DifferentialBase):
     def follow(self, speed_m_s: float, turn_rate_rad_s: float, timeout_s: float) -> Activity:
         drive = self._roomba.twist(speed_m_s, turn_rate_rad_s)
         forward = drive.goes_forward
-        _check_ground(self._roomba.latest().contacts, forward=forward)
+        _check_ground(self._roomba.latest_in_motion().contacts, forward=forward)
         yield from self._roomba.drive(drive)
         self._twist_until_s = until_s = self._roomba.clock.now() + timeout_s
         self._twist_forward = forward

@@ -262,7 +262,7 @@ class RoombaDriver(Listener):
 
     def _try_command(self, data: bytes, drive: WheelCommand | None = None) -> float | None:
         """Send a command, or do the next step towards it and return the delay until the following step."""
-        contacts = self.latest().contacts
+        contacts = self.latest_in_motion().contacts
         if contacts.any_drop and self._wanted is Mode.SAFE:
             raise ResourceFaultError(
                 "a wheel has dropped: in safe mode the Roomba takes no command until it stands again"

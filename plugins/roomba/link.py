@@ -174,7 +174,10 @@ class SerialLink(PortLink):
 
     @override
     def receive(self) -> bytes:
-        return self._port.read(_CHUNK_BYTES)
+        received = bytearray()
+        while chunk := self._port.read(_CHUNK_BYTES):
+            received += chunk
+        return bytes(received)
 
     def pull_device_detect(self, *, low: bool) -> None:
         """Set both modem lines: a cable uses one of them. A pseudo-terminal and a socket have none."""

@@ -88,10 +88,23 @@ class Listener(ABC):
             why = f" ({self._trouble})" if self._trouble else ""
             hint = "is the Roomba on and connected, and is the baud rate right?"
             return f"nothing answers on {self._link.name}{why}: {hint}"
-        # A computer that was held up has not asked meanwhile: only a Roomba that was asked can be silent.
-        was_asked = self._unanswered_count >= POLLS_A_READING_LASTS
         is_old = self.clock.now() - reading.stamp_s > self._silence_s
-        return self._too_old(reading) if is_old and was_asked else None
+        return self._too_old(reading) if is_old and self._was_asked else None
+
+    @property
+    def _was_asked(self) -> bool:
+        """Whether it can be silent: a computer that was held up has not asked meanwhile."""
+        return self._unanswered_count >= POLLS_A_READING_LASTS
+
+    def latest_in_motion(self) -> RoombaReading:
+        """Return the latest reading, also an old one if this computer was held up; the next one is on its way then.
+
+        Raises:
+            UnavailableError: it is too old, though it was asked for.
+        """
+        reading = self._reading
+        is_expected = reading is not None and not self._was_asked and self._link.why_not_ready() is None
+        return reading if reading is not None and is_expected else self.latest()
 
     def latest(self) -> RoombaReading:
         """Return the latest reading.
@@ -135,6 +148,8 @@ class Listener(ABC):
 
     def _too_old(self, reading: RoombaReading) -> str:
         age_s, why = self.clock.now() - reading.stamp_s, f" ({self._trouble})" if self._trouble else ""
+        if not self._was_asked:
+            return f"this program was held up, and has not read the Roomba on {self._link.name} for {age_s:.2f} s"
         return (
             f"the Roomba on {self._link.name} does not answer{why}: its last reading is {age_s:.2f} s old, "
             f"and counts for {self._lasts_s:.2f} s"

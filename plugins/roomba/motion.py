@@ -107,7 +107,7 @@ class MotionProgress:
 
     Attributes:
         velocity_mm_s: the commanded speed.
-        stalled_s: time without an encoder count while the wheels are driven.
+        stalled_s: time without an encoder count while the wheels are driven, until the latest reading.
     """
 
     def __init__(self, motion: TimedMotion, start_m: float, now_s: float) -> None:
@@ -131,10 +131,10 @@ class MotionProgress:
         if reading is not self._reading:
             self._reading = reading
             if not reading.stands:
-                self._moved_s = now_s
+                self._moved_s = reading.stamp_s
             while len(self._commands) > 1 and self._commands[1][0] <= reading.stamp_s:
                 self._commands.popleft()
-        self.stalled_s = now_s - self._moved_s if self.velocity_mm_s else 0.0
+        self.stalled_s = reading.stamp_s - self._moved_s if self.velocity_mm_s else 0.0
         return self._motion.left_m(reading, self._start_m) - self._since_m(reading.stamp_s, now_s)
 
     def _since_m(self, since_s: float, now_s: float) -> float:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import enum
 from collections import deque
 from collections.abc import Sequence
+from functools import cache
 from typing import Final, NamedTuple
 
 from .groups import GROUP_BYTES, is_group
@@ -60,30 +61,38 @@ class Reply(NamedTuple):
     jitter_s: float
 
 
-def _match_oldest(requests: Sequence[Request], data: bytes) -> list[Request] | None:
+def _match_oldest(requests: Sequence[Request], data: bytes) -> Sequence[Request] | None:
     """Return the oldest requests that bytes answer, in order; None if there are none."""
-    if not data:
-        return []
-    for place, request in enumerate(requests):
-        size = GROUP_BYTES[request.group]
-        if is_group(request.group, data[:size]):
-            others = _match_oldest(requests[place + 1 :], data[size:])
-            if others is not None:
-                return [request, *others]
-    return None
+
+    @cache  # many requests and bytes, after a pause of the line, have very many pairings
+    def match(place: int, start: int) -> tuple[Request, ...] | None:
+        if start == len(data):
+            return ()
+        for number in range(place, len(requests)):
+            request, end = requests[number], start + GROUP_BYTES[requests[number].group]
+            if is_group(request.group, data[start:end]) and (others := match(number + 1, end)) is not None:
+                return (request, *others)
+        return None
+
+    return match(0, 0)
 
 
-def _match_latest(requests: Sequence[Request], data: bytes) -> list[Request] | None:
+def _match_latest(requests: Sequence[Request], data: bytes) -> Sequence[Request] | None:
     """Return the latest requests that bytes answer, in order; None if there are none."""
-    if not data:
-        return []
-    for place in range(len(requests) - 1, -1, -1):
-        request, start = requests[place], len(data) - GROUP_BYTES[requests[place].group]
-        if start >= 0 and is_group(request.group, data[start:]):
-            others = _match_latest(requests[:place], data[:start])
-            if others is not None:
-                return [*others, request]
-    return None
+
+    @cache
+    def match(count: int, end: int) -> tuple[Request, ...] | None:
+        if end == 0:
+            return ()
+        for number in range(count - 1, -1, -1):
+            request, start = requests[number], end - GROUP_BYTES[requests[number].group]
+            if start < 0 or not is_group(request.group, data[start:end]):
+                continue
+            if (others := match(number, start)) is not None:
+                return (*others, request)
+        return None
+
+    return match(len(requests), len(data))
 
 
 class ReplyReader:
@@ -147,11 +156,11 @@ class ReplyReader:
             return ReplyState.AWAITED
         return ReplyState.WHOLE if is_whole else ReplyState.DAMAGED
 
-    def _answered(self) -> list[Request]:
+    def _answered(self) -> Sequence[Request]:
         """Return the requests that the bytes answer, oldest first; none if the bytes do not fit."""
         held, requests = bytes(self._held), [*self._unanswered] or [self.latest]
         is_usual = self._is_measured and self._byte_s - self.latest.asked_s <= _USUAL * self.delay_s + _UNUSUAL_S
-        return (_match_latest if is_usual else _match_oldest)(requests, held) or []
+        return (_match_latest if is_usual else _match_oldest)(requests, held) or ()
 
     def give_up(self, state: ReplyState) -> None:
         """End the wait for a reply that is LOST or DAMAGED."""

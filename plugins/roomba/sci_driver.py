@@ -252,7 +252,9 @@ class SciDriver(RoombaDriver):
                 self._must_repeat = True
                 return False
             if judgement.is_false and any(self._commanded_m_s):
-                self._fault = "two readings in a row cannot be true: the line is noisy, or the wheels do not obey"
+                self._fault = (
+                    "two readings in a row cannot be true: the line is noisy or late, or the wheels do not obey"
+                )
             self._add_travel(*judgement.travel.wheels_m)
         has_turned = bool(controls.distance_mm or controls.angle_mm)
         if self._power is not None and reply.asked_s - self._contacts_s <= READING_LASTS_S:

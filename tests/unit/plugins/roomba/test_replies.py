@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from plugins.roomba.groups import Contacts, Controls
+from plugins.roomba.groups import Contacts, Controls, is_group
 from plugins.roomba.replies import ReplyReader, ReplyState
 
 CONTACTS, CONTROLS = 1, 2
@@ -97,3 +97,25 @@ def test_bytes_that_are_no_group_are_no_reply() -> None:
     replies.ask(CONTACTS, 1.0)
     replies.feed(b"\xff" * len(TOUCH), 1.01)
     assert replies.state(1.05) is ReplyState.DAMAGED
+
+
+@pytest.mark.parametrize(
+    ("delay_s", "data"),
+    [(None, Contacts().encode() * 8 + REPLY[:-1]), (1.0, REPLY[1:] + Contacts().encode() * 8)],
+)
+def test_what_came_after_a_long_pause_is_matched_at_once(
+    delay_s: float | None, data: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    decoded: list[int] = []
+
+    def counted(group: int, part: bytes) -> bool:
+        decoded.append(group)
+        return is_group(group, part)
+
+    replies = reader(delay_s)
+    monkeypatch.setattr(f"{ReplyReader.__module__}.is_group", counted)
+    for number in range(16):
+        replies.ask((CONTACTS, CONTROLS)[number % 2], 1.0 + 0.01 * number)
+    replies.feed(data, 1.5)  # with very many pairings
+    assert replies.state(1.6) is ReplyState.DAMAGED
+    assert len(decoded) < 1000
