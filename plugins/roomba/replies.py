@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import enum
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Final, NamedTuple
 
@@ -63,14 +63,15 @@ class Reply(NamedTuple):
 
 def _match_oldest(requests: Sequence[Request], data: bytes) -> Sequence[Request] | None:
     """Return the oldest requests that bytes answer, in order; None if there are none."""
+    is_reply = _reply_finder(data)
 
-    @cache  # many requests and bytes, after a pause of the line, have very many pairings
+    @cache
     def match(place: int, start: int) -> tuple[Request, ...] | None:
         if start == len(data):
             return ()
         for number in range(place, len(requests)):
             request, end = requests[number], start + GROUP_BYTES[requests[number].group]
-            if is_group(request.group, data[start:end]) and (others := match(number + 1, end)) is not None:
+            if is_reply(request.group, start) and (others := match(number + 1, end)) is not None:
                 return (request, *others)
         return None
 
@@ -79,6 +80,7 @@ def _match_oldest(requests: Sequence[Request], data: bytes) -> Sequence[Request]
 
 def _match_latest(requests: Sequence[Request], data: bytes) -> Sequence[Request] | None:
     """Return the latest requests that bytes answer, in order; None if there are none."""
+    is_reply = _reply_finder(data)
 
     @cache
     def match(count: int, end: int) -> tuple[Request, ...] | None:
@@ -86,13 +88,24 @@ def _match_latest(requests: Sequence[Request], data: bytes) -> Sequence[Request]
             return ()
         for number in range(count - 1, -1, -1):
             request, start = requests[number], end - GROUP_BYTES[requests[number].group]
-            if start < 0 or not is_group(request.group, data[start:end]):
-                continue
-            if (others := match(number, start)) is not None:
+            if is_reply(request.group, start) and (others := match(number, start)) is not None:
                 return (*others, request)
         return None
 
     return match(len(requests), len(data))
+
+
+def _reply_finder(data: bytes) -> Callable[[int, int], bool]:
+    """Return a function that tells whether a sensor group begins at a place of some bytes; it remembers its answers.
+
+    After a pause of the line, the bytes of many requests have very many pairings.
+    """
+
+    @cache
+    def is_reply(group: int, start: int) -> bool:
+        return start >= 0 and is_group(group, data[start : start + GROUP_BYTES[group]])
+
+    return is_reply
 
 
 class ReplyReader:
