@@ -27,6 +27,10 @@ HALT_S: Final = 1.0
 """Time from the end of a motion until the robot must stand, whatever the answer was."""
 _STANDS_FOR_S: Final = 0.5
 _STANDS_M: Final = 0.001
+_CREEPS_M: Final = 0.015
+"""Travel in _STANDS_FOR_S, or turn in rad, of wheels at 3 mm/s: a count of whole millimetres shows them later."""
+_CREEPS_S: Final = 2.0
+"""Time for which wheels may creep after that."""
 RATES: Final = (0.0005, 0.002, 0.005, 0.01, 0.02)
 MOTIONS_A_ROBOT: Final = 10
 """After these a new robot is taken, because damaged bytes may have switched the last one off for good."""
@@ -91,7 +95,7 @@ class MotionResult:
         message: the error's message.
         error_m: true distance from the goal.
         error_deg: true angle from the goal, 0 or more.
-        stands: whether it stood after HALT_S.
+        stands: whether it stood after HALT_S; if it crept, after _CREEPS_S more.
     """
 
     motion: Motion
@@ -167,9 +171,20 @@ class FuzzedRobot:
         after = self._pose()
         error_m, error_deg = _error(motion, before, after)
         self.wait(HALT_S)
+        return MotionResult(motion, answer, message, error_m, error_deg, self._stands())
+
+    def _stands(self) -> bool:
+        moved_m = self._moved_m()
+        if _STANDS_M <= moved_m < _CREEPS_M:  # a damaged stop may be a drive at 1 or 2 mm/s
+            self.wait(_CREEPS_S)
+            moved_m = self._moved_m()
+        return moved_m < _STANDS_M
+
+    def _moved_m(self) -> float:
+        """Wait, and return by how far it moved meanwhile, or by how many radians it turned."""
         rests_at = self._pose()
         self.wait(_STANDS_FOR_S)
-        return MotionResult(motion, answer, message, error_m, error_deg, math.dist(rests_at, self._pose()) < _STANDS_M)
+        return math.dist(rests_at, self._pose())
 
     def _carry_out(self, motion: Motion) -> tuple[str, str]:
         try:
