@@ -31,6 +31,7 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import REAL_TIME, new_waiter, wall_time
 from eal_actors.kernel.errors import EALError, UnavailableError
 from eal_actors.kernel.log import get_logger
+from eal_actors.kernel.log_limit import LogLimit
 from eal_actors.operate.foxglove.viewer_control import ViewerControl
 from eal_actors.recording import messages, schemas
 from eal_actors.recording.mcap_file import ARENA_TOPIC, EVENTS_TOPIC, HULLS_TOPIC
@@ -51,6 +52,7 @@ _BASE: Final = "Base"
 _STATE_TOPIC: Final = "/state"
 _TRANSFORMS_TOPIC: Final = "/tf"
 _LOG_TOPIC: Final = "/log"
+_CLIENT_LOGGER: Final = "foxglove.websocket.connected_client"
 _LEVEL_NAMES: Final = ((logging.ERROR, "error"), (logging.WARNING, "warning"), (logging.INFO, "info"), (0, "debug"))
 
 
@@ -99,6 +101,7 @@ class LiveView:
         self._thread = threading.Thread(target=self._run, name="foxglove", daemon=True)
         self._server: Any = None
         self._lines = _LogLines(self)
+        self._client_lines = _ClientLines()
 
     def __enter__(self) -> Self:
         for topic, schema in (
@@ -130,6 +133,7 @@ class LiveView:
         if self._control is not None:
             self._control.start()
         logging.getLogger("eal_actors").addHandler(self._lines)
+        logging.getLogger(_CLIENT_LOGGER).addFilter(self._client_lines)
         self._sampler.__enter__()
         self._thread.start()
         return self
@@ -138,6 +142,7 @@ class LiveView:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         logging.getLogger("eal_actors").removeHandler(self._lines)
+        logging.getLogger(_CLIENT_LOGGER).removeFilter(self._client_lines)
         self._sampler.__exit__(kind, error, traceback)
         REAL_TIME.wake(self._over)
         self._thread.join()
@@ -307,6 +312,21 @@ class _LogLines(logging.Handler):
         fields: dict[str, Any] = getattr(record, "eal", {})
         level = next(name for least, name in _LEVEL_NAMES if record.levelno >= least)
         self._view.show_line(level, str(fields.get("robot", "")), record.getMessage())
+
+
+class _ClientLines(logging.Filter):
+    """Bounds foxglove-sdk's log lines about viewers: it writes one for each wrong message. Thread: any."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._limit = LogLimit()
+
+    @override
+    def filter(self, record: logging.LogRecord) -> bool:
+        more = self._limit.admit()
+        if more:
+            record.msg, record.args = f"{record.getMessage()} omitted={more['omitted']}", ()
+        return more is not None
 
 
 class _ViewerListener:

@@ -63,6 +63,18 @@ def test_wrong_velocities_move_nothing(view: tuple[Fleet, LiveView]) -> None:
     assert "Traceback" not in lines.getvalue()
 
 
+def test_messages_to_no_channel_write_few_lines(view: tuple[Fleet, LiveView], caplog: pytest.LogCaptureFixture) -> None:
+    """The server writes a line for each, which would fill a disk."""
+    _, live = view
+    with Viewer(live.url) as viewer:
+        for _ in range(400):
+            viewer.publish_bytes(99, b"{}")
+        viewer.subscribe("/tf")
+        sees(viewer)
+    lines = [record.getMessage() for record in caplog.records if "unknown channel" in record.getMessage()]
+    assert 1 <= len(lines) <= 50, len(lines)
+
+
 def test_a_flood_of_velocities_ends_with_its_viewer(view: tuple[Fleet, LiveView]) -> None:
     """10,000 messages as fast as they go; the robot halts, and another robot answers meanwhile."""
     fleet, live = view

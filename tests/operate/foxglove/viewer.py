@@ -31,7 +31,11 @@ class Viewer:
 
     def __init__(self, url: str) -> None:
         self._opening = connect(
-            url, subprotocols=[Subprotocol("foxglove.sdk.v1")], max_size=None, open_timeout=RECEIVE_S
+            url,
+            subprotocols=[Subprotocol("foxglove.sdk.v1")],
+            max_size=None,
+            open_timeout=RECEIVE_S,
+            ping_interval=None,  # while nobody receives, it reads no answer, and would take the server for dead
         )
         self._socket: Any = None
         self.info: dict[str, Any] = {}
