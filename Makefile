@@ -17,7 +17,7 @@ EVBOTOS_TOOLS := apt bc binutils bison cryptsetup-bin device-tree-compiler dosfs
 	grub-common libelf-dev libssl-dev make mtools openssh-client qemu-system-arm qemu-system-x86 squashfs-tools \
 	tar u-boot-tools xz-utils zstd
 
-.PHONY: lock locked sbom demo demo-aarch64 demo-network demo-standards lab test test-slow check docs bench bench-peers bench-scale bench-go bench-panorama bench-proof bench-lookahead soak fuzz fuzz-motions figures format evbotos-setup test-evbotos test-fleet-update test-bitbake clean help
+.PHONY: lock locked sbom demo demo-aarch64 test-aarch64 container demo-network demo-standards lab test test-slow check docs bench bench-peers bench-scale bench-go bench-panorama bench-proof bench-lookahead soak fuzz fuzz-motions figures format evbotos-setup test-evbotos test-fleet-update test-bitbake clean help
 
 help:  ## show this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -57,13 +57,35 @@ demo-network: $(STAMP)  ## the same dance over the network: three robots, each s
 demo-standards: $(STAMP)  ## a ROS 2 robot, an AGV, a MAVLink rover and a Roomba drive a square together; one fails
 	$(BIN)/python -m tests.standards
 
-demo-aarch64: $(STAMP)  ## the dance on 64-bit ARM: Debian's Python under qemu-user, unpacked into build/aarch64
-	@command -v mmdebstrap qemu-aarch64-static >/dev/null || { echo "make demo-aarch64 needs Debian's packages mmdebstrap and qemu-user-static"; exit 1; }
-	rm -rf build/aarch64 && mkdir -p build
-	mmdebstrap --quiet --variant=extract --architectures=arm64 --include=python3,libstdc++6,libgomp1,zlib1g,tzdata bookworm build/aarch64
-	$(BIN)/python -m pip install --quiet --target build/aarch64/site --platform manylinux_2_28_aarch64 --platform manylinux2014_aarch64 \
-		--platform manylinux_2_17_aarch64 --python-version 3.11 --implementation cp --only-binary=:all: ".[sim,record]"
-	qemu-aarch64-static -L build/aarch64 -E PYTHONPATH=build/aarch64/site build/aarch64/usr/bin/python3.11 -m eal_actors run dance --fleet sim --rate max --no-plot
+# Debian's Python for 64-bit ARM, unpacked and not installed, with this project's packages for it. The code is that of this folder.
+AARCH64 := build/aarch64
+ON_AARCH64 := qemu-aarch64-static -L $(AARCH64) -E PYTHONPATH=$(AARCH64)/site $(AARCH64)/usr/bin/python3.11
+AARCH64_TESTS := tests/unit/kernel/test_lock_step.py tests/actors/test_inbox.py tests/actors/test_future.py \
+	tests/unit/plugins/evbot2/test_protocol.py tests/unit/plugins/roomba/test_oi_packets.py
+
+$(AARCH64)/.made: $(STAMP)
+	@command -v mmdebstrap qemu-aarch64-static >/dev/null || { echo "make $(MAKECMDGOALS) needs Debian's packages mmdebstrap and qemu-user-static"; exit 1; }
+	rm -rf $(AARCH64) && mkdir -p build
+	mmdebstrap --quiet --variant=extract --architectures=arm64 --include=python3,libstdc++6,libgomp1,zlib1g,tzdata bookworm $(AARCH64)
+	$(BIN)/python -m pip install --quiet --target $(AARCH64)/site --platform manylinux_2_28_aarch64 --platform manylinux2014_aarch64 \
+		--platform manylinux_2_17_aarch64 --python-version 3.11 --implementation cp --only-binary=:all: ".[sim,record,system]" \
+		hypothesis pytest pytest-rerunfailures pytest-timeout
+	@touch $@
+
+demo-aarch64: $(AARCH64)/.made  ## the dance on 64-bit ARM, under qemu-user
+	$(ON_AARCH64) -m eal_actors run dance --fleet sim --rate max --no-plot
+
+test-aarch64: $(AARCH64)/.made  ## tests of the clock, the actors, the wire format and a driver's protocol on 64-bit ARM, under qemu-user
+	$(ON_AARCH64) -m pytest -p no:cacheprovider -q $(AARCH64_TESTS)
+
+container:  ## build the image of Containerfile on Debian's Python, with buildah; CONTAINER_FLAGS are options of `buildah build`
+	@command -v mmdebstrap buildah >/dev/null || { echo "make container needs Debian's packages mmdebstrap and buildah"; exit 1; }
+	rm -rf build/container && mkdir -p build/container
+	mmdebstrap --quiet --variant=minbase --include=python3-venv --dpkgopt='path-exclude=/usr/share/doc/*' \
+		--dpkgopt='path-exclude=/usr/share/man/*' --dpkgopt='path-exclude=/usr/share/locale/*' bookworm build/container/base.tar
+	printf 'FROM scratch\nADD base.tar /\n' > build/container/Containerfile
+	buildah build --quiet -t eal-base build/container
+	buildah build --build-arg BASE=localhost/eal-base $(CONTAINER_FLAGS) -t eal-actors .
 
 lab: $(STAMP)  ## the thesis's robots, each behind its own wire to an emulator, drive the square, dance, patrol and take panoramas
 	$(BIN)/eal lab
