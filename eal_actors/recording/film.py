@@ -30,6 +30,7 @@ _LAST_FRAMES: Final = 25
 _TRAIL_S: Final = 12.0
 _RADIUS_M: Final = 0.17
 _MARGIN_M: Final = 0.35
+_HOLLOW: Final = 0.62
 _ROOM, _GROUND, _THING, _INK = (255, 255, 255), (238, 238, 238), (200, 200, 200), (60, 60, 60)
 
 _Rgb = tuple[int, int, int]
@@ -99,7 +100,7 @@ class _Stage:
             first = bisect_right(path, time_s - _TRAIL_S, hi=last, key=attrgetter("time_s"))
             trail = [self._pixel(sample.x_m, sample.y_m) for sample in path[first : last + 1]]
             draw.line(trail, fill=colour, width=2 * _SHARPNESS, joint="curve")
-            self._draw_robot(draw, path[last], colour)
+            self._draw_robot(draw, path[last], colour, is_hollow=number // len(COLOURS) % 2 == 1)
         draw.text((14 * _SHARPNESS, 10 * _SHARPNESS), f"{time_s:.1f} s", fill=_INK, font_size=15 * _SHARPNESS)
         size = self._size[0] // _SHARPNESS, self._size[1] // _SHARPNESS
         return picture.resize(size, Image.Resampling.BOX)
@@ -128,10 +129,14 @@ class _Stage:
             for a, b in corners
         ]
 
-    def _draw_robot(self, draw: ImageDraw, sample: PoseSample, colour: str) -> None:
-        self._draw_disc(draw, (sample.x_m, sample.y_m), _RADIUS_M, colour)
+    def _draw_robot(self, draw: ImageDraw, sample: PoseSample, colour: str, *, is_hollow: bool) -> None:
+        """Draw a disc with its heading; a hollow one for robots after the first eight, which repeat their colours."""
+        middle, nose_colour = (sample.x_m, sample.y_m), colour if is_hollow else _ROOM
+        self._draw_disc(draw, middle, _RADIUS_M, colour)
+        if is_hollow:
+            self._draw_disc(draw, middle, _RADIUS_M * _HOLLOW, _ROOM)
         nose = sample.x_m + _RADIUS_M * math.cos(sample.yaw_rad), sample.y_m + _RADIUS_M * math.sin(sample.yaw_rad)
-        draw.line([self._pixel(sample.x_m, sample.y_m), self._pixel(*nose)], fill=_ROOM, width=3 * _SHARPNESS)
+        draw.line([self._pixel(*middle), self._pixel(*nose)], fill=nose_colour, width=3 * _SHARPNESS)
 
     def _draw_disc(self, draw: ImageDraw, middle: tuple[float, float], radius_m: float, fill: str | _Rgb) -> None:
         column, row = self._pixel(*middle)

@@ -18,6 +18,8 @@ import pytest
 from PIL import Image
 
 from eal_actors.kernel.bundled import bundled_path
+from eal_actors.recording import RunFolder
+from eal_actors.recording.film import film_run
 from tests.cli.conftest import Program, Write
 
 
@@ -88,6 +90,25 @@ def test_a_run_ends_in_a_film(eal: Program, write: Write, tmp_path: Path) -> Non
             frames.seek(number)
             pictures.append(np.array(frames.convert("RGB")))
     assert (pictures[0] != pictures[1]).any(), "the robots turn"
+
+
+def test_the_ninth_robot_of_a_film_has_the_first_ones_colour_and_another_shape(tmp_path: Path) -> None:
+    rows = [f"robot{number},0.0,{number % 3},{number // 3},0\n" for number in range(9)]
+    (tmp_path / "trajectory.csv").write_text("robot,time_s,x_m,y_m,yaw_rad\n" + "".join(rows))
+    (tmp_path / "events.jsonl").touch()
+    film = film_run(RunFolder.open(tmp_path), None)
+    assert film is not None
+    with Image.open(film) as opened:
+        pixels = np.array(opened.convert("RGB")).astype(int)
+    per_m = len(pixels) / (2 + 2 * 0.35)  # with the margins
+
+    def colour(x_m: float, y_m: float) -> str:
+        red, _, blue = pixels[round((2.35 - y_m) * per_m), round((0.35 + x_m) * per_m)]
+        return "white" if red > 220 else "blue" if blue > 150 and red < 60 else "another"
+
+    middle, rim = -0.05, -0.14  # of a robot's radius of 0.17 m, behind its heading
+    assert [colour(x_m + middle, x_m) for x_m in (0, 2)] == ["blue", "white"]
+    assert [colour(x_m + rim, x_m) for x_m in (0, 2)] == ["blue", "blue"]
 
 
 def at_a_terminal(answer: bytes, picture: Path, **variables: str) -> bytes:

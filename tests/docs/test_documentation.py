@@ -115,6 +115,12 @@ def test_the_examples_are_what_the_pages_show_and_the_tests_run() -> None:
     assert sorted(listed) == sorted(Path(name).name for name in texts)
 
 
+def test_an_example_hides_no_module_of_another_in_its_folder() -> None:
+    """Python looks for modules in the folder of the program first: `concurrent.py` there broke every example."""
+    names = {file.stem for file in examples.FOLDER.glob("*.py")}
+    assert not names & {*sys.stdlib_module_names, "eal_actors", "numpy", "pytest", "yaml"}
+
+
 def test_an_example_that_has_changed_is_put_into_its_page(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text("A\n\n<!-- docs/examples/together.py -->\n```python\nold = 1\n```\n\nB\n")

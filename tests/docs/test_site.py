@@ -106,6 +106,16 @@ def test_blocks_have_copy_buttons_that_leave_prompts_out(site: Path, browser: Br
     assert page.evaluate("window.copied").splitlines()[-1] == "eal run ballet --fleet formation --film --show"
 
 
+def test_the_first_page_shows_how_to_begin_without_scrolling(site: Path, browser: Browser) -> None:
+    page = browser.new_page(viewport={"width": 1440, "height": 900})
+    page.goto(f"file://{site}/docs/index.html")
+    shown = {"pip install": page.get_by_text("pip install").first, "film": page.locator(".hero img")}
+    for name, part in {**shown, "doors": page.locator(".doors")}.items():
+        box = part.bounding_box()
+        assert box is not None, name
+        assert box["y"] + box["height"] <= 900, name
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [1440, 390])
 def test_no_page_is_wider_than_the_window(site: Path, browser: Browser, width: int, scheme: str) -> None:
