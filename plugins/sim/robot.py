@@ -275,13 +275,16 @@ class SimRobot(FreeRobot):
 
     def drive_on(self, tick: int, ticks: int) -> None:
         """Drive freely for some ticks after tick number `tick`, or until the motion is done."""
+        odometer = self._odometer if self.localizer is not None else None
         for after in range(tick + 1, tick + ticks + 1):
             self.predict()
             self.arrive(self.next_pose)
-            if after % self.report_ticks == 0:
-                self.report_odometry(after * self.tick_s)
+            if odometer is not None and after % self.report_ticks == 0:
+                self._reports.append((*odometer.pose, after * self.tick_s))
             if self.is_done(after * self.tick_s):
-                return
+                break
+        if len(self._reports) >= _MOST_REPORTS:
+            self.hand_over_reports()
 
     def report_odometry(self, now_s: float) -> None:
         """Note the pose by odometry for the pose estimate."""
@@ -300,8 +303,7 @@ class SimRobot(FreeRobot):
         """Tell the pose estimate the noted odometry: before it is read, set, or follows another driver."""
         reports, self._reports = self._reports, []
         if self.localizer is not None:
-            for report in reports:
-                self.localizer.odometry(*report)
+            self.localizer.odometry_path(reports)
 
     def is_done(self, now_s: float) -> bool:
         """Return whether its motion is over, or its battery empty, at the world's time `now_s`."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from enum import Enum
 from typing import Final
 
@@ -98,13 +98,18 @@ class Localizer:
             yaw_rad: likewise; wrapped or not.
             stamp_s: when the wheels were there, in seconds of the fleet's clock.
         """
+        self.odometry_path([(x_m, y_m, yaw_rad, stamp_s)])
+
+    def odometry_path(self, path: Iterable[tuple[float, float, float, float]]) -> None:
+        """Add poses by odometry, oldest first: the arguments of `odometry` for each."""
         with self._lock:
-            if self._has_new_driver:
-                self._restart((x_m, y_m, yaw_rad), stamp_s)
-            elif stamp_s > self._history.last_s:
-                self._history.add((x_m, y_m, yaw_rad), stamp_s)
-            while self._pending and self._pending[0].stamp_s <= stamp_s + _ROUNDING_S:
-                self._apply(self._pending.popleft())
+            for x_m, y_m, yaw_rad, stamp_s in path:
+                if self._has_new_driver:
+                    self._restart((x_m, y_m, yaw_rad), stamp_s)
+                elif stamp_s > self._history.last_s:
+                    self._history.add((x_m, y_m, yaw_rad), stamp_s)
+                while self._pending and self._pending[0].stamp_s <= stamp_s + _ROUNDING_S:
+                    self._apply(self._pending.popleft())
 
     def restart_odometry(self, x_m: float, y_m: float, yaw_rad: float, stamp_s: float) -> None:
         """Continue from another pose by odometry: it was set, and the robot has not moved."""

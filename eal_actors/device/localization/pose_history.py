@@ -87,8 +87,8 @@ class PoseHistory:
         entries = self._entries
         if len(entries) > 1:
             last, before = entries[-1], entries[-2]
-            stands = last.odometry == pose == before.odometry
-            if last.fix is None and (stands or last.stamp_s - before.stamp_s < _SPACING_S):
+            is_close = last.stamp_s - before.stamp_s < _SPACING_S
+            if last.fix is None and (is_close or last.odometry == pose == before.odometry):
                 last.stamp_s, last.odometry, last.state = stamp_s, pose, None
                 return
         entries.append(_Entry(stamp_s, pose))
