@@ -295,6 +295,9 @@ class SimWorld:
         for robot in alone:
             robot.drive_on(self._tick, ticks)
         while self._tick < end:
+            if not others and not self._engine.is_awake and self._proximity is None:
+                self._tick = end  # nothing else moves
+                break
             self._tick += 1
             self._run_tick(others, alone, end - self._tick)
             self._stop_done(others)
