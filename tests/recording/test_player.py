@@ -28,15 +28,15 @@ from tests.chromium import launched_chromium
 
 ROBOTS, MINUTES, PERIOD_S = 20, 10, 0.1
 MOST_BYTES = 15_000_000
-MEASURE = """() => new Promise((done) => {
-    const start = performance.now(); let frames = 0; let spent = 0;
-    const shown = show; show = (at) => { const begun = performance.now();
-        shown(at); spent += performance.now() - begun; };
-    play(true);
-    const count = () => { frames += 1; const took = performance.now() - start;
-        if (took > 4000) done([frames / took * 1000, spent / frames]); else requestAnimationFrame(count); };
+COUNT = """(seconds) => new Promise((done) => {
+    const start = performance.now(); let frames = 0;
+    const count = () => { frames += 1; const took = (performance.now() - start) / 1000;
+        if (took > seconds) done(frames / took); else requestAnimationFrame(count); };
     requestAnimationFrame(count); })"""
-"""Plays for four seconds; returns frames in a second, and milliseconds of script in a frame."""
+"""Returns frames in a second."""
+TIME_SCRIPT = """() => { const shown = show; window.spent = []; show = (at) => {
+    const begun = performance.now(); shown(at); window.spent.push(performance.now() - begun); }; play(true); }"""
+"""Plays, and notes the milliseconds of script of each frame."""
 
 
 def test_the_coordinates_of_the_map_are_those_of_its_drawing() -> None:
@@ -192,6 +192,20 @@ def test_ten_minutes_of_twenty_robots_are_a_small_page_that_moves(tmp_path: Path
     page.keyboard.press("End")
     assert place_on_the_map(page, "robot-0") == pytest.approx(run.paths["robot-0"][-1][1:3], abs=0.002)
     page.keyboard.press("Home")
-    frames_s, script_ms = page.evaluate(MEASURE)
-    print(f"{size / 1e6:.2f} MB, {frames_s:.0f} frames/s, {script_ms:.2f} ms of script a frame")  # noqa: T201
+    page.evaluate(TIME_SCRIPT)
+    browser = page.context.browser
+    assert browser is not None
+    empty = browser.new_page()
+    counts: dict[str, list[float]] = {"empty": [], "player": []}
+    for _ in range(3):  # in turns, since other programs slow both
+        for name, shown in (("empty", empty), ("player", page)):
+            shown.bring_to_front()
+            counts[name].append(shown.evaluate(COUNT, 2.0))
+    best, reference = max(counts["player"]), max(counts["empty"])
+    script_ms = sorted(page.evaluate("spent"))
+    half_ms = script_ms[len(script_ms) // 2]
+    text = f"{best:.0f} frames/s, an empty page {reference:.0f}, {half_ms:.2f} ms of script a frame"
+    print(f"{size / 1e6:.2f} MB, {text}")  # noqa: T201
     assert page.evaluate("now") > 0
+    assert best > 0.95 * min(60.0, reference)
+    assert half_ms < 1000 / 60 / 2
