@@ -150,7 +150,12 @@ def check_file(file: Path) -> FileCheck:
 
 
 def _check_fleet(name: str) -> FileCheck:
-    config = EALConfigManager.load(name).fleet
+    try:
+        config = EALConfigManager.load(name).fleet
+    except ConfigError as error:
+        valid = EALConfigManager.load_valid_part(name)
+        found = check_plugins(valid)[0] if valid is not None else set()
+        return FileCheck(name, "fleet", problems=(*error.problems, *sorted(found)))
     problems, warnings = check_plugins(config)
     summary = f"fleet, {counted(len(config.robots), 'robot')}"
     return FileCheck(name, "fleet", summary, tuple(sorted(problems)), tuple(warnings))

@@ -14,7 +14,7 @@ from eal_actors.device.world.loading import validate
 from eal_actors.kernel.errors import ConfigError, Problem, RobotNotFoundError
 from eal_actors.kernel.strict_model import StrictModel, problems_from
 from eal_actors.kernel.suggestions import did_you_mean
-from eal_actors.managers.fleet_loader import fleet_of, load_fleet
+from eal_actors.managers.fleet_loader import fleet_of, load_fleet, load_valid_part
 from eal_actors.managers.fleet_model import FleetConfig, FleetFile, RobotConfig
 from eal_actors.managers.manifest import ManifestFile
 from eal_actors.managers.memory_file import tree_of
@@ -47,6 +47,11 @@ class EALConfigManager:
             ConfigError: with every problem of all the files.
         """
         return cls(load_fleet(path, os.environ if environment is None else environment))
+
+    @staticmethod
+    def load_valid_part(path: str | Path) -> FleetConfig | None:
+        """Read an invalid fleet file without its invalid values, only for more checks; None if that is not possible."""
+        return load_valid_part(path, os.environ)
 
     @classmethod
     def of(

@@ -20,6 +20,7 @@ from eal_actors.kernel.yaml_tree import (
     YamlPath,
     YamlTree,
     merge,
+    parse_path,
     plain,
     replace_text,
 )
@@ -41,6 +42,37 @@ def load_fleet(path: str | Path, environment: Mapping[str, str]) -> FleetConfig:
     reader = _FleetFileReader(environment)
     source = find_file(path, "fleet")
     return _resolved(reader, reader.read(source, ()), source)
+
+
+def load_valid_part(path: str | Path, environment: Mapping[str, str]) -> FleetConfig | None:
+    """Read a fleet file without its invalid values, only for more checks; None if other files are not valid either.
+
+    Arguments and errors as for `EALConfigManager.load`.
+    """
+    source = find_file(path, "fleet")
+    tree = load_yaml(source, environment=environment)
+    while True:
+        reader = _FleetFileReader(environment)
+        try:
+            return _resolved(reader, reader.take(tree, (source,)), source)
+        except ConfigError as error:
+            places = [parse_path(problem.path) for problem in error.problems if problem.file == str(source)]
+            if len(places) < len(error.problems) or not all(_remove(tree.root, place) for place in places):
+                return None
+
+
+def _remove(root: MarkedDict, path: YamlPath) -> bool:
+    """Remove the last named value of a path; return whether there is one, and no other part of the file needs it."""
+    node: object = root
+    removed = None
+    for element in path:
+        if not isinstance(node, MarkedDict) or element not in node:
+            break
+        removed, node = (node, str(element)), node[str(element)]
+    if removed is None or path[0] in ("version", "include", "plugin_dirs", "types"):
+        return False
+    del removed[0][removed[1]]
+    return True
 
 
 def fleet_of(content: Mapping[str, object], name: str, environment: Mapping[str, str]) -> FleetConfig:

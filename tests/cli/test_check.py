@@ -79,6 +79,27 @@ def test_problems_are_sorted_and_good_files_are_still_told(eal: Any, write: Any,
     assert result.stderr == "5 problems in 3 files\n"
 
 
+def test_plugins_are_checked_beside_the_invalid_values_of_a_fleet(eal: Any, write: Any) -> None:
+    fleet = write(
+        "fleet.yaml",
+        "version: 1\nname: 3\nclock: {rate: fast}\nrobots:\n  a: {tags: indoor, plugins: {simm: {}}}\n"
+        "  b: {plugins: {sim: {model: evbot9}}}\n  c: {plugins: 3}\n"
+        "  d: {plugins: {sim: {model: roomba, x: 1}}, tag: 1}\n",
+    )
+    result = eal("check", fleet)
+    assert result.exit_code == 2
+    assert [line.split(": ")[:2] for line in told(result.stdout)] == [
+        [f"{fleet}:2:7", "name"],
+        [f"{fleet}:3:15", "clock.rate"],
+        [f"{fleet}:5:13", "robots.a.tags"],
+        [f"{fleet}:5:31", "robots.a.plugins.simm"],
+        [f"{fleet}:6:30", "robots.b.plugins.sim.model"],
+        [f"{fleet}:7:16", "robots.c.plugins"],
+        [f"{fleet}:8:38", "robots.d.plugins.sim.x"],
+        [f"{fleet}:8:46", "robots.d.tag"],
+    ]
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
