@@ -25,6 +25,7 @@ from eal_actors.kernel.errors import (
     StoppedError,
     UnavailableError,
 )
+from eal_actors.scenario import Run, load_scenario, make_plan
 from eal_actors.wire.rpc.server.host import RobotHost
 from tests.net.links import eventually
 from tests.net.rig import LONGER_THAN_TTL_S, WAIT_S, Rig, becomes, failure, ready
@@ -286,3 +287,22 @@ def test_a_controller_that_leaves_halts_what_it_moved(rig: Rig) -> None:
         fleet.close()
         assert eventually(lambda: rig.notes("halt"))
     assert not rig.notes("end")
+
+
+@pytest.mark.parametrize("policy", ["abort", "drop"])
+def test_a_stop_of_another_controller_aborts_a_run(rig: Rig, policy: str) -> None:
+    file = rig.folder / "move.yaml"
+    file.write_text(
+        f"version: 1\nname: move\non_failure: {policy}\nroles: {{all: {{robots: [r1]}}}}\nsteps:\n"
+        "  - on: all\n    do: [{send_cmd: {resource: Arm, cmd: move30}, timeout_s: 60}]\n"
+    )
+    with rig.served_here() as fleet, ready(Fleet(rig.config)) as other:
+        run = Run(make_plan(load_scenario(file), fleet), fleet)
+        future = run.start()
+        assert rig.begun("move30")
+        other.stop("the other one").get()
+        report = future.get(timeout=WAIT_S)
+        other.resume().get()
+    assert report.outcome == "aborted"
+    assert report.error is not None
+    assert "an emergency stop holds the robot: the other one" in report.error.message

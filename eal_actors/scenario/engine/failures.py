@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any
 
 from eal_actors.actors.future import Future
-from eal_actors.kernel.errors import CallCancelledError, CallError, EALError, StoppedError
+from eal_actors.kernel.errors import CallCancelledError, CallError, EALError, PreemptedError, StoppedError
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.frames import Participant
 from eal_actors.scenario.engine.loop import Coroutine
@@ -63,6 +63,7 @@ class StepFailure:
             return True
         else:
             self.error = after_loss
+        yield from self._ask_who_halted()
         if self._is_emergency():
             run.stop_for_emergency(f"emergency stop: {self.error}", is_finally=self._context.is_finally)
         if self._is_over() or not self._action.is_begun or attempts > self._retries:
@@ -94,6 +95,18 @@ class StepFailure:
             return None
         self._policy, self._attempt, self._retries = after, None, 0
         return error
+
+    def _ask_who_halted(self) -> Coroutine:
+        """Ask a robot that was halted whether an emergency stop did: another controller's may not be known here yet."""
+        robot = self._robot
+        if robot is None or not isinstance(self.error, PreemptedError) or self._is_emergency() or self._is_over():
+            return
+        yield (ping := robot.handle.ping())
+        stopped = ping.get().stopped if ping.exception() is None else None
+        if stopped is not None:
+            self.error = StoppedError(f"{self.error.message}: an emergency stop holds the robot: {stopped}").at(
+                robot.name
+            )
 
     def _retried(self, attempt: int, error: ErrorReport, time_s: float) -> StepRetried:
         name = self._robot.name if self._robot is not None else None
