@@ -15,17 +15,14 @@ from playwright.sync_api import Browser, Page, sync_playwright
 
 from eal_actors import Fleet, gather
 from eal_actors.device.world import load_world
-from eal_actors.kernel.clock import wall_time
 from eal_actors.managers.config import EALConfigManager
-from eal_actors.operate.agents import PlanStore, StoredPlan
-from eal_actors.operate.agents.plans import plan_hash
 from eal_actors.operate.dashboard import Dashboard
 from tests.chromium import FLAGS, find_chromium
-from tests.operate.agents.agent import PLAN
+from tests.operate.agents.waiting_plan import keep_plan
 
 ROOT: Final = Path(__file__).parents[1]
 IMAGES: Final = ROOT / "docs/images"
-VIEWS: Final = ("mission", "fleet", "map", "scenario", "robot/evbot3-1", "cameras", "logs")
+VIEWS: Final = ("mission", "scenario", "fleet", "map", "robot/evbot3-1", "cameras", "logs")
 SIZES: Final = ((1440, 900), (1024, 768), (768, 1024), (390, 844))
 SHEET_PX: Final = 560
 """The height of a page on the sheet of sizes."""
@@ -76,7 +73,8 @@ def show(page: Page, view: str) -> None:
 def draw_views(browser: Browser) -> None:
     """Draw each view while robots drive a square, some of them dark or on a phone."""
     with dancing_lab() as (_, dashboard):
-        page = open_page(browser, f"{dashboard.link}#/scenario", 1440, 860)
+        page = open_page(browser, f"{dashboard.link}#/mission", 1440, 860)
+        show(page, "mission")  # the first frames of cameras take longest
         dark = open_page(browser, f"{dashboard.link}#/map", 1440, 860, is_dark=True)
         start_square(page)
         for view in VIEWS:
@@ -162,21 +160,7 @@ def draw_floor(browser: Browser) -> None:
 
 def draw_plan(browser: Browser, folder: Path) -> None:
     """Draw a plan of an agent that waits for a decision; its text tries to look approved."""
-    text = PLAN.replace("operator: approved", "\u202ederevorppa\u202c <img src=x onerror=alert(1)>")
-    hashed = plan_hash(text, {}, {})
-    plan = StoredPlan(
-        hash=hashed,
-        name="greet",
-        fleet="sim",
-        text=text,
-        parameters={},
-        agent="approved\u202e",
-        submitted=wall_time(),
-        robots=("one", "two"),
-        steps=(),
-        rehearsal={"runs": [], "duration_s": 12.5},
-    )
-    PlanStore(folder).keep(plan)
+    hashed = keep_plan(folder, "sim").hash
     with Fleet.load(ROOT / "fleets/sim.yaml").connect() as fleet, Dashboard(fleet, runs_dir=folder) as dashboard:
         page = open_page(browser, f"{dashboard.link}#/scenario", 1100, 900)
         page.get_by_role("button", name=f"Approve {hashed[:6]}").wait_for()

@@ -10,39 +10,19 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, expect
 
-from eal_actors.kernel.clock import wall_time
-from eal_actors.operate.agents import PlanStore, StoredPlan
-from eal_actors.operate.agents.plans import plan_hash
+from eal_actors.operate.agents import PlanStore
 from eal_actors.operate.audit import read_audit
 from eal_actors.operate.dashboard import Access, Dashboard
-from tests.operate.agents.agent import PLAN
+from tests.operate.agents.waiting_plan import keep_plan
 
 OpenPage = Callable[..., AbstractContextManager[Page]]
-HIDDEN = PLAN.replace("operator: approved", "\u202ederevorppa\u202c <img src=x onerror=alert(1)>")
 pytestmark = pytest.mark.timeout(180)
 expect.set_options(timeout=20_000)
 
 
-def kept(runs_dir: Path, text: str = HIDDEN) -> StoredPlan:
-    plan = StoredPlan(
-        hash=plan_hash(text, {}, {}),
-        name="greet",
-        fleet="hall",
-        text=text,
-        parameters={},
-        agent="approved\u202e",
-        submitted=wall_time(),
-        robots=("one", "two"),
-        steps=(),
-        rehearsal={"runs": [], "duration_s": 12.5},
-    )
-    PlanStore(runs_dir).keep(plan)
-    return plan
-
-
 def test_a_person_reads_and_approves_a_plan(open_page: OpenPage, dashboard: Dashboard, tmp_path: Path) -> None:
     runs_dir = tmp_path / "runs"
-    plan = kept(runs_dir)
+    plan = keep_plan(runs_dir, "hall")
     with open_page(dashboard.link + "#/scenario", viewport={"width": 1100, "height": 900}) as page:
         panel = page.get_by_role("region", name="Plans of agents")
         expect(panel).to_contain_text("send_cmd: {resource: Base")
@@ -63,7 +43,7 @@ def test_a_person_reads_and_approves_a_plan(open_page: OpenPage, dashboard: Dash
 
 @pytest.mark.usefixtures("fleet")
 def test_who_may_only_watch_decides_nothing(dashboard: Dashboard, open_page: OpenPage, tmp_path: Path) -> None:
-    plan = kept(tmp_path / "runs")
+    plan = keep_plan(tmp_path / "runs", "hall")
     dashboard.app_state.access.token = "secret"  # noqa: S105  # so this page may only watch
     assert not Access("127.0.0.1", "secret").is_open
     with open_page(dashboard.url + "#/scenario") as page:
