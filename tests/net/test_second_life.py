@@ -51,8 +51,8 @@ fleet_file, run_folder, is_resumed = sys.argv[1], Path(sys.argv[2]), len(sys.arg
 scenario = load_scenario(run_folder.parent / "chores.yaml")
 with ready(Fleet(EALConfigManager.load(fleet_file).fleet)) as fleet:
     plan = make_plan(scenario, fleet)
-    resumption = read_run(run_folder) if is_resumed else None
     try:
+        resumption = read_run(run_folder) if is_resumed else None
         run = Run(plan, fleet, run_folder, [lambda event: print(event.kind, flush=True)], resumption)
     except ScenarioError as error:
         print("refused:", error, flush=True)
@@ -129,10 +129,12 @@ def live(folder: Path, kills: int, seed: int) -> Tally:
                 tally.resumed += is_resumed
                 place = Path(shutil.copytree(place, f"{place}x"))  # another machine
                 is_resumed = True
-            tally.refused += last.startswith("refused")
-            tally.done += last == "outcome done None"
-            assert last == "outcome done None" or "was under way, and is not safe to repeat" in last, last
-            judge(rig, tally, is_done=last == "outcome done None")
+            # A controller that was killed between the last line of its record and its answer has nothing left to do.
+            is_done = last == "outcome done None" or "has ended; only an interrupted run can be resumed" in last
+            tally.refused += not is_done
+            tally.done += is_done
+            assert is_done or "was under way, and is not safe to repeat" in last, last
+            judge(rig, tally, is_done=is_done)
             if tally.kills >= kills:
                 return tally
     raise AssertionError

@@ -76,7 +76,8 @@ def _show(heads: Sequence[str], rows: Sequence[Sequence[str]], page: Path | None
     """Print a table, and replace its rows in a page."""
     if not rows:
         return
-    before = {row[0]: row for row in rows_between(page, mark)} if page is not None else {}
+    former = rows_between(page, mark) if page is not None else []
+    before = {row[0]: row for row in former if len(row) == len(heads)}
     table = _table(heads, list({**before, **{row[0]: row for row in rows}}.values()))
     text = f"{table}\n\nMeasured on {machine()}; when it began, other programs made a load of {load:.0f}."
     sys.stdout.write(f"{text}\n")
