@@ -39,6 +39,8 @@ def read_plan(text: str, parameters: Mapping[str, object]) -> Scenario:
     Raises:
         ConfigError: with its problems. A plan is one file: a person who approves it must see all of it.
     """
+    if any("\ud800" <= one <= "\udfff" for one in json.dumps(dict(parameters), ensure_ascii=False)):
+        raise ConfigError([Problem(_FILE, 1, 1, "parameters", "one has half a character (a surrogate)")])
     if len(text) > MAX_TEXT:
         raise ConfigError([Problem(_FILE, 0, 0, "", f"has {len(text)} characters; at most {MAX_TEXT}")])
     tree = parse_yaml(text, _FILE, limits=LARGE)

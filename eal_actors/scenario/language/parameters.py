@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import json
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
@@ -62,7 +63,7 @@ def parameter_problem(section: ParameterSection, value: object) -> str | None:
 def _type_problem(section: ParameterSection, value: object) -> str | None:
     fits = {
         "int": isinstance(value, int) and not isinstance(value, bool),
-        "double": isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value),
+        "double": isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max,
         "bool": isinstance(value, bool),
         "string": isinstance(value, str),
         "list": isinstance(value, tuple | list) and _is_finite(value),
@@ -143,6 +144,7 @@ def set_parameters(scenario: Scenario, given: Mapping[str, object]) -> Scenario:
             continue
         if name in given and (wrong := parameter_problem(section, value)) is not None:
             problems.append(scenario.problem(("parameters", name), f"{wrong} as it was given", key=True))
+            continue
         values[name] = float(value) if section.type == "double" and isinstance(value, int) else _frozen(value)
     problems += [
         scenario.problem(

@@ -63,6 +63,20 @@ def test_mutated_plans_are_refused_with_a_place_and_move_nothing(fleet: Fleet, g
     assert not list(tmp_path.glob("*/events.jsonl"))
 
 
+def test_odd_parameters_are_refused_with_a_place(gate: PlanGate) -> None:
+    words = "  word: {type: string, default: a}\n  size: {type: double, default: 1}\n"
+    text = PLAN.replace("parameters:\n", f"parameters:\n{words}")
+    odd: tuple[dict[str, object], ...] = (
+        {"word": "\ud800"},
+        {"word": ["\udfff"]},
+        {"size": 10**400},
+        {"size": -(10**400)},
+    )
+    for parameters in odd:
+        with pytest.raises(ConfigError, match=r"plan\.yaml:\d+:\d+: "):
+            gate.examine(text, parameters)
+
+
 def test_a_plan_is_one_file_without_code(gate: PlanGate) -> None:
     for step in ("scenario: dance", "scenario: /etc/passwd", "python: os:system"):
         with pytest.raises(ConfigError, match=r"plan\.yaml:1\d:\d+: "):
