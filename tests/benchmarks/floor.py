@@ -16,6 +16,7 @@ import os
 import queue
 import statistics
 import sys
+import tempfile
 import threading
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -51,9 +52,13 @@ VIEW: Final = FRAME.reshape(-1).data
 ROUNDS, CALLS = 15, 200
 PUBLISHED, THREADS, PACKED, LEAST, OURS = "published", "threads", "packed", "least", "ours"
 LEAST_COMMAND, OUR_COMMAND, FRAMES, OUR_FRAMES = "least command", "our command", "frames", "our frames"
+UNIX: Final = "unix"
+READS: Final = PUBLISHED, UNIX, FRAMES
+"""The steps in which the caller reads its answer itself, and the robot answers in the reader's thread."""
 STEPS: Final = {
     PUBLISHED: "two publications, the caller reads its answer itself",
-    THREADS: "and a thread for the resource, one for the answers",
+    UNIX: "the same over a Unix socket in place of TCP",
+    THREADS: "a thread for the resource, one for the answers",
     PACKED: "and the fields of both messages, packed, numbered and checked",
     LEAST: "and the promises, in the least program that keeps them",
     OURS: "this project",
@@ -62,6 +67,14 @@ STEPS: Final = {
     FRAMES: "a frame of 921,600 bytes over TCP, two publications, times raw TCP's frame",
     OUR_FRAMES: "the same in this project",
 }
+
+
+def _socket(port: int) -> Path:
+    return Path(tempfile.gettempdir()) / f"eal-floor-{port}.sock"
+
+
+def _session(step: str, port: int, *, listens: bool) -> zenoh.Session:
+    return session(port, listens=listens, endpoint=f"unixsock-stream/{_socket(port)}" if step == UNIX else None)
 
 
 def _publisher(opened: zenoh.Session, key: str) -> zenoh.Publisher:
@@ -88,7 +101,7 @@ def _follow(opened: zenoh.Session, expression: str, key: str, handle: Callable[[
 
 def serve(step: str, port: int) -> None:
     """Answer the calls of one step until the standard input ends."""
-    opened = session(port, listens=True)
+    opened = _session(step, port, listens=True)
     answers = _publisher(opened, ANSWER)
     if step == LEAST:
         opened.declare_keyexpr(COMMAND_KEY)
@@ -109,7 +122,7 @@ def serve(step: str, port: int) -> None:
 
     def receive(sample: zenoh.Sample) -> None:
         envelope = sample.attachment.to_bytes() if sample.attachment is not None else None
-        if step in (PUBLISHED, FRAMES):
+        if step in READS:
             answer(envelope)
         else:
             mailbox.put(envelope)
@@ -135,17 +148,18 @@ class Caller:
     """Calls by one of the steps."""
 
     def __init__(self, step: str, port: int) -> None:
-        self._opened = session(port, listens=False)
+        self._port = port
+        self._opened = _session(step, port, listens=False)
         self._calls = _publisher(self._opened, CALL_KEY)
         self._numbers = itertools.count(1)
         self._pending: dict[int, tuple[threading.Lock, list[Any]]] = {}
         least = LeastController(self._calls, _publisher(self._opened, COMMAND_KEY))
-        if step in (PUBLISHED, FRAMES):
+        if step in READS:
             self._answers = _subscriber(self._opened, ANSWERS, ANSWER)
         else:
             _follow(self._opened, ANSWERS, ANSWER, least.receive if step == LEAST else self._receive)
-        gets = {PUBLISHED: self._read, THREADS: self._wait, PACKED: self._call, LEAST: least.read, FRAMES: self._read}
-        self.get = gets[step]
+        gets = {THREADS: self._wait, PACKED: self._call, LEAST: least.read}
+        self.get = gets.get(step, self._read)
         self.command = least.command
 
     def _read(self) -> None:
@@ -185,6 +199,8 @@ class Caller:
 
     def close(self) -> None:
         self._opened.close()  # type: ignore[no-untyped-call]  # zenoh's stubs say nothing of it
+        for path in (_socket(self._port), _socket(self._port).with_suffix(".sock.lock")):
+            path.unlink(missing_ok=True)
 
 
 def measure(rounds: int, calls: int) -> dict[str, list[float]]:
@@ -199,7 +215,7 @@ def measure(rounds: int, calls: int) -> dict[str, list[float]]:
         raw = TcpClient(ports["raw TCP"])
         stack.callback(raw.close)
         steps: dict[str, Callable[[], object]] = {}
-        for step in (FRAMES, PUBLISHED, THREADS, PACKED, LEAST):
+        for step in (FRAMES, PUBLISHED, UNIX, THREADS, PACKED, LEAST):
             started("tests.benchmarks.floor", "--serve", step, str(ports[step]))
             caller = Caller(step, ports[step])
             stack.callback(caller.close)

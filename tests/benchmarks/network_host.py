@@ -9,8 +9,8 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
@@ -101,13 +101,9 @@ def bare_config(*, listen: int | None = None, connect: int | None = None) -> zen
     return zenoh.Config.from_json5(json.dumps(config))
 
 
-def main() -> None:
-    """Serve until the standard input ends."""
-    import zenoh
-
-    robots, port = int(sys.argv[1]), int(sys.argv[2])
-    if len(sys.argv) > 4:
-        os.sched_setaffinity(0, {int(sys.argv[4])})
+@contextmanager
+def serving(robots: int, port: int) -> Iterator[None]:
+    """Serve robots at a port."""
     config = fleet_of(robots, port)
     with ExitStack() as stack:
         session = stack.enter_context(open_session(robot_config(config, "bot1")))
@@ -120,6 +116,18 @@ def main() -> None:
             robot = stack.enter_context(running_robot(made, name=name, clock=SystemClock()))
             server = host.serve(robot)
             stack.callback(server.close)
+        yield
+
+
+def main() -> None:
+    """Serve until the standard input ends."""
+    import zenoh
+
+    robots, port = int(sys.argv[1]), int(sys.argv[2])
+    if len(sys.argv) > 4:
+        os.sched_setaffinity(0, {int(sys.argv[4])})
+    with ExitStack() as stack:
+        stack.enter_context(serving(robots, port))
 
         def answer(query: zenoh.Query) -> None:
             key = str(query.key_expr)

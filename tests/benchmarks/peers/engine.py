@@ -17,8 +17,15 @@ from tests.benchmarks.peers.peer import FRAME, GIVE_UP_S, HOST, ROBOTS, VALUE, P
 _ANSWERS: Final = {"get": VALUE, "command": b"\x01", "frame": FRAME}
 
 
-def session(port: int, *, listens: bool) -> zenoh.Session:
-    """Open a session that knows nobody but the other end, and speaks to it as to another machine."""
+def session(port: int, *, listens: bool, endpoint: str | None = None) -> zenoh.Session:
+    """Open a session that knows nobody but the other end, and speaks to it as to another machine.
+
+    Args:
+        port: the port.
+        listens: whether it listens there.
+        endpoint: in place of the port.
+    """
+    endpoint = endpoint or f"tcp/{HOST}:{port}"
     content = {
         "mode": "peer",
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
@@ -26,9 +33,9 @@ def session(port: int, *, listens: bool) -> zenoh.Session:
             "shared_memory": {"enabled": False},
             "link": {"tx": {"queue": {"size": {"data": 16}}}},  # with two, frames take twice as long
         },
-        "listen": {"endpoints": [f"tcp/{HOST}:{port}"] if listens else []},
+        "listen": {"endpoints": [endpoint] if listens else []},
         "connect": {
-            "endpoints": [] if listens else [f"tcp/{HOST}:{port}"],
+            "endpoints": [] if listens else [endpoint],
             "timeout_ms": -1,
             "exit_on_failure": False,
             "retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2},

@@ -68,6 +68,11 @@ class Server:
             self.kill()
             raise AssertionError(f"{' '.join(self._arguments)} did not come up")
 
+    @property
+    def pid(self) -> int:
+        """The number of the process."""
+        return self._process.pid
+
     def kill(self) -> None:
         """End it on the spot."""
         self._process.kill()
