@@ -1,4 +1,4 @@
-"""What the interpreter and the engine's threads take of a remote call: why one costs more than its instructions do.
+"""The share of the interpreter and of the engine's threads in a remote call, and why it costs so much.
 
 Run as `python -m tests.benchmarks.interpreter [--page PAGE]`. It counts the instructions of the interpreter that a
 reading and a command run at both ends, in this project's modules; divides the time that they take between two messages

@@ -96,11 +96,16 @@ def drive() -> None:
 
 
 class Driver:
-    """The process of a checkout."""
+    """The process of a checkout.
 
-    def __init__(self, checkout: Path) -> None:
+    Args:
+        checkout: its folder.
+        program: file of this checkout that it runs.
+    """
+
+    def __init__(self, checkout: Path, program: str = __file__) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, "-P", str(Path(__file__).resolve()), "--drive"],
+            [sys.executable, "-P", str(Path(program).resolve()), "--drive"],
             cwd=checkout,
             env={**os.environ, "PYTHONPATH": str(checkout)},
             stdin=subprocess.PIPE,
@@ -110,9 +115,13 @@ class Driver:
 
     def block_s(self, what: str, count: int) -> float:
         """Return the seconds of an operation."""
+        return self.ask(f"{what} {count}")
+
+    def ask(self, line: str) -> float:
+        """Return the answer to a line."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        self._process.stdin.write(f"{what} {count}\n")
+        self._process.stdin.write(f"{line}\n")
         self._process.stdin.flush()
         return float(self._process.stdout.readline())
 

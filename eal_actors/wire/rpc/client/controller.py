@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import math
 import secrets
 import threading
 from collections.abc import Callable, Iterable
@@ -85,6 +86,7 @@ class Controller(EALActor):
         dead_man_s: real seconds of its silence after which a robot halts what it moves.
         sender: sends the calls to all robots.
         foreign: the robots of other fleets that answer, in a fleet without security.
+        last_handshake_s: real time of the last handshake that a robot has answered.
         sharing: whether memory is shared with robots on this machine.
 
     Thread: an actor, which opens the session and sends the heartbeat. The readers' threads run the
@@ -110,6 +112,7 @@ class Controller(EALActor):
         self._malformed = ThrottledLog(fleet=config.name)
         self._listeners: dict[str, RobotListener] = {}
         self.foreign: Final = ForeignRobots()
+        self.last_handshake_s = -math.inf
         self._versions: dict[str, int] = {}  # protocol versions of the live robots
         self._transport: Transport | None = None
         self._part_numbers = itertools.count()

@@ -15,7 +15,7 @@ from eal_actors.actors.call import ResourceCell
 from eal_actors.actors.future import Future
 from eal_actors.actors.robot_view import Ping, RobotState, RobotView, RunningCommand
 from eal_actors.device.link import FaultyLink
-from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import ProtocolError, UnavailableError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.wire.format import keys
@@ -30,7 +30,7 @@ from eal_actors.wire.rpc.client.ping import PING_PERIOD_S, PING_TIMEOUT_S
 from eal_actors.wire.streams.reader import RemoteFeeds
 
 CONNECT_S: Final = 3.0
-"""Real seconds after which a fleet no longer waits for a robot that does not answer."""
+"""Real seconds after which a fleet no longer waits for a robot that does not answer, unless others still begin to."""
 
 
 class RemoteSpec(NamedTuple):
@@ -106,6 +106,10 @@ class RemoteRobot(EALActor):
 
     def _stop_waiting(self) -> None:
         if self.view.state is RobotState.STARTING:
+            is_busy = REAL_TIME.now() - self._controller.last_handshake_s < CONNECT_S
+            if is_busy and self._controller.is_alive(self.spec.name):  # it may be one of a thousand
+                self.actor_inbox.call_later(self.clock.of_real(CONNECT_S), self._stop_waiting)
+                return
             others = self._controller.foreign.describe()
             what = f"; robots of another fleet do, which only its own file commands: {others}" if others else ""
             self._note_lost(f"does not answer at {self.spec.address}{what}; the connection is retried")
@@ -178,6 +182,7 @@ class RemoteRobot(EALActor):
             self._note_lost(error.message)
             self._retry_handshake()
             return
+        self._controller.last_handshake_s = REAL_TIME.now()
         self._channel.rights, self._channel.process = handshake.rights, handshake.process
         self._channel.memory.reset()
         self.view.not_ready = dict(handshake.not_ready)

@@ -359,7 +359,16 @@ class RobotServer:
         else:
             if method == keys.HELLO:
                 self._admission.names.note(header.client, call.caller, " ".join(map(str, header.arguments)))
-            self._requests.add(call, header, lambda: self._answer(reply_to, self._handler.answer(method, header)))
+            end_s = REAL_TIME.now() + header.deadline_s
+            self._requests.add(call, header, lambda: self._answer_request(reply_to, method, header, end_s))
+
+    def _answer_request(self, reply_to: ReplyTo, method: str, header: CallHeader, end_s: float) -> None:
+        """Answer a call of the robot itself, other than a handshake that its controller has repeated by now.
+
+        A process with many robots would else answer only handshakes that nobody waits for any more.
+        """
+        if method != keys.HELLO or REAL_TIME.now() < end_s:
+            self._answer(reply_to, self._handler.answer(method, header))
 
     # Replies and events. Thread: any.
 
