@@ -365,7 +365,7 @@ class RobotServer:
     def _answer_request(self, reply_to: ReplyTo, method: str, header: CallHeader, end_s: float) -> None:
         """Answer a call of the robot itself, other than a handshake that its controller has repeated by now.
 
-        A process with many robots would else answer only handshakes that nobody waits for any more.
+        A busy process with many robots would else answer each handshake after its time-out, and never one in time.
         """
         if method != keys.HELLO or REAL_TIME.now() < end_s:
             self._answer(reply_to, self._handler.answer(method, header))
