@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 
 _CAPACITY: Final = 64
 """Messages that wait for the reader of a subscription; the engine itself holds many more in its link."""
+_MAX_TOKENS: Final = 65_536
+"""The same of tokens. The engine passes on all that are present before the reader begins, so they must fit: a fleet of
+more robots would never be connected."""
 _DECLARE_AT: Final = 8
 """Uses of a key after which it is declared."""
 _MAX_KEYS: Final = 4096
@@ -137,7 +140,7 @@ class Transport:
         import zenoh
 
         liveliness = self.session.liveliness()
-        subscriber = liveliness.declare_subscriber(key, zenoh.handlers.FifoChannel(_CAPACITY), history=True)
+        subscriber = liveliness.declare_subscriber(key, zenoh.handlers.FifoChannel(_MAX_TOKENS), history=True)
         return self._read(subscriber, name, handle)
 
     def _read(
