@@ -80,5 +80,5 @@ def run() -> list[Result]:
         ]
     ours, bare = (min(column) for column in zip(*turns, strict=True))
     what = "camera 640 x 480 in lab.yaml, 4 robots in view, one core"
-    reference = f"one warpPerspective of the frame: {1 / bare:.0f} frames/s"
-    return [Result(what, f"{ours * 1e3:.1f} ms a frame", reference, 1 / ours, 150, "frames/s", at_least=True)]
+    reference = f"one warpPerspective of the frame: {bare * 1e3:.1f} ms"
+    return [Result(what, f"{ours * 1e3:.1f} ms a frame", reference, ours / bare, 3.0)]
