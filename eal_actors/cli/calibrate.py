@@ -226,7 +226,7 @@ def _drive(robot: RobotHandle, measurement: SquareMeasurement, test: _SquareTest
     with ExitStack() as stack:
         on_done = None
         if isinstance(measurement, GroundTruth):  # a bar would hide the questions to a person
-            on_done = stack.enter_context(work_progress(stderr(), f"square of {robot.name} {when}", total))
+            on_done = stack.enter_context(work_progress(stderr(), "square", total, of=f" of {robot.name}, {when}"))
 
         def update_status(way: Way, number: int, end: Point) -> None:
             if on_done is not None:

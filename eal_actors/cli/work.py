@@ -17,6 +17,7 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.table import Column
 from rich.text import Text
 from typing_extensions import override
 
@@ -40,13 +41,16 @@ class OnDone(Protocol):
 class _RateColumn(ProgressColumn):
     """Parts in a second, or in a minute where they are slow."""
 
+    def __init__(self) -> None:
+        super().__init__(Column(no_wrap=True))
+
     @override
     def render(self, task: Task) -> Text:
-        return Text(_rate(task.speed or 0.0), style="dim")
+        return Text(_rate(task.speed) if task.speed else "", style="dim")
 
 
 @contextmanager
-def work_progress(console: Console, noun: str, total: int | None, finished: int = 0) -> Iterator[OnDone]:
+def work_progress(console: Console, noun: str, total: int | None, finished: int = 0, of: str = "") -> Iterator[OnDone]:
     """Show a bar on a terminal, or a line for each part elsewhere; at the end, or at Ctrl-C, a summary.
 
     Args:
@@ -54,6 +58,7 @@ def work_progress(console: Console, noun: str, total: int | None, finished: int 
         noun: the name of a part, such as `run`.
         total: the number of parts; None where the first part tells it.
         finished: how many of them were finished before.
+        of: words after the noun: whose parts they are.
     """
     start_s, done, count = REAL_TIME.now(), 0, total
 
@@ -70,7 +75,7 @@ def work_progress(console: Console, noun: str, total: int | None, finished: int 
     bar = _bar(console) if console.is_terminal else None
     if bar is not None:
         bar.start()
-        task = bar.add_task(f"{noun}s", total=total, completed=finished)
+        task = bar.add_task(f"{noun}s{of}", total=total, completed=finished)
     try:
         yield advance
     finally:
@@ -79,7 +84,7 @@ def work_progress(console: Console, noun: str, total: int | None, finished: int 
         if done > 1:
             duration_s = REAL_TIME.now() - start_s
             what = counted(done, noun) if finished + done == count else f"{done} of {count} {noun}s"
-            print_line(console, f"{what} in {_duration(duration_s)}, {_rate(done / max(duration_s, 1e-9))}", "dim")
+            print_line(console, f"{what}{of} in {_duration(duration_s)}, {_rate(done / max(duration_s, 1e-9))}", "dim")
 
 
 def _bar(console: Console) -> Progress:

@@ -18,10 +18,10 @@ from tests.cli.conftest import Write
 STEPS = "steps: [{on: all, do: [{send_cmd: {resource: Base, cmd: l360}}]}]\n"
 
 
-def shown(*, is_terminal: bool, parts: int, total: int, finished: int = 0) -> str:
+def shown(*, is_terminal: bool, parts: int, total: int, finished: int = 0, of: str = "") -> str:
     """Return what a console shows of some parts of work, of which the third is important."""
-    console = Console(file=io.StringIO(), force_terminal=is_terminal, width=100, no_color=True)
-    with work_progress(console, "run", total, finished) as on_done:
+    console = Console(file=io.StringIO(), force_terminal=is_terminal, width=80, no_color=True)
+    with work_progress(console, "run", total, finished, of) as on_done:
         for number in range(1, parts + 1):
             on_done(f"part {number}", number == 3)
     assert isinstance(console.file, io.StringIO)
@@ -39,6 +39,15 @@ def test_a_terminal_gets_a_bar_with_rate_and_rest_and_what_is_important() -> Non
     for words in ("runs", "5/5", "per ", "left:", "part 3"):
         assert words in text
     assert "part 2" not in text
+
+
+def test_the_bar_has_one_line_whatever_it_says() -> None:
+    text = shown(is_terminal=True, parts=5, total=5, of=" of evbot2-1, before")
+    assert "runs of evbot2-1, before" in text
+    assert "5 runs of evbot2-1, before in " in text
+    bars = [line for line in re.split(r"[\r\n]+", re.sub(r"\x1b\[[\d;?]*[A-Za-z]", "\r", text)) if "left:" in line]
+    assert bars
+    assert all("per " in line for line in bars if "5/5" in line)
 
 
 def test_the_first_part_may_tell_how_many_there_are() -> None:
