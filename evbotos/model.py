@@ -34,6 +34,7 @@ from evbotos.fields import (
     Texts,
     WheelName,
 )
+from evbotos.wireless import Wifi
 
 GRUB_PACKAGE: Final = "grub-pc-bin"
 """The Debian packages that boot a PC."""
@@ -309,6 +310,8 @@ class Local(StrictModel):
     """A folder with a robot's own files (`fleet.yaml`, keys, `name`), copied to the boot partition."""
     update_key: File | None = None
     """The public key (ed25519, PEM) that verifies updates; without a key the robot accepts no updates."""
+    wifi: Wifi | None = None
+    """The robot's wireless networks, for images with the service `wifi`."""
     images: dict[Name, ImageOverride] = Field(default={}, json_schema_extra=NAMES_ONLY)
     platforms: dict[Name, PlatformOverride] = Field(default={}, json_schema_extra=NAMES_ONLY)
 

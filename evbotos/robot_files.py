@@ -12,6 +12,7 @@ from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat,
 
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.kernel.yaml_source import load_yaml
+from evbotos import wireless
 from evbotos.errors import BuildError
 from evbotos.model import Local
 from evbotos.private_keys import needed_files
@@ -39,7 +40,7 @@ def gather_robot_files(local: Local) -> tuple[dict[str, tuple[str, bytes]], list
 
 
 def access_files(local: Local) -> dict[str, bytes]:
-    """Return the files that say who may log in and whose updates are accepted.
+    """Return the files that say who may log in, whose updates are accepted, and which wireless networks to join.
 
     Raises:
         BuildError: the key of updates is missing or invalid.
@@ -49,6 +50,8 @@ def access_files(local: Local) -> dict[str, bytes]:
         contents["authorized_keys"] = "".join(f"{key.strip()}\n" for key in local.ssh_keys).encode()
     if local.update_key is not None:
         contents["update_key"] = public_key_hex(Path(local.update_key)).encode()
+    if local.wifi is not None:
+        contents[wireless.FILE] = wireless.configuration(local.wifi).encode()
     return contents
 
 

@@ -1,12 +1,15 @@
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 
 from eal_actors.kernel.errors import ConfigError
 from evbotos.definitions import load_definitions
+from evbotos.kernel import fragments_text
 from evbotos.lock import FOLDER
+from evbotos.model import Kernel
 
 PLATFORM = """
 version: 1
@@ -164,13 +167,26 @@ def test_unknown_names_are_told_with_what_was_meant(folder: Path) -> None:
         found.image("lage")
 
 
+def test_the_page_names_a_kernel_with_drivers_of_devices(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs/evbotos.md").read_text()
+    (asked,) = re.findall(r"```yaml\n(version: 1\nplatforms:\n[^`]*devices.config.*?)```", page, re.DOTALL)
+    (tmp_path / "own.yaml").write_text(asked)
+    shipped = load_definitions().platform("qemu-amd64").kernel
+    kernel = load_definitions(tmp_path / "own.yaml").platform("qemu-amd64").kernel
+    assert isinstance(kernel, Kernel)
+    assert isinstance(shipped, Kernel)
+    assert kernel.model_dump() == {**shipped.model_dump(), "fragments": (*shipped.fragments, "devices.config")}
+    assert "CONFIG_MAC80211=y" in fragments_text(kernel)
+
+
 def test_what_builds_on_the_robot_image_contains_this_project() -> None:
     found = load_definitions()
-    assert {name for name, image in found.images.items() if image.project} == {"dev", "robot", "vision"}
+    assert {name for name, image in found.images.items() if image.project} == {"dev", "robot", "vision", "wireless"}
     assert {name for name, image in found.images.items() if "robot" in image.services} == {
         "dev",
         "robot",
         "vision",
+        "wireless",
     }
 
 
@@ -187,5 +203,5 @@ def test_an_image_is_for_its_architectures_and_so_is_what_builds_on_it(folder: P
 def test_the_shipped_definitions_name_every_platform_and_image() -> None:
     found = load_definitions()
     assert set(found.platforms) == {"beagle-armhf", "pc104-i686", "qemu-amd64", "qemu-arm64", "raspberry-pi"}
-    assert set(found.images) == {"dev", "minimal", "octave", "robot", "vision"}
+    assert set(found.images) == {"dev", "minimal", "octave", "robot", "vision", "wireless"}
     assert set(found.image("minimal").packages) < set(found.image("octave").packages)

@@ -33,6 +33,7 @@ UPSTREAM = frozenset(
         "gdb",
         "git",
         "glibc",
+        "iw",
         "libc6-dev",
         "libstdc++",
         "linux-libc-headers-dev",
@@ -54,6 +55,9 @@ UPSTREAM = frozenset(
         "python3-rich",
         "python3-structlog",
         "python3-typer",
+        "wireless-regdb-static",
+        "wpa-supplicant",
+        "wpa-supplicant-cli",
     }
 )
 """Packages of openembedded-core and meta-openembedded."""

@@ -38,7 +38,16 @@ def source(tmp_path: Path) -> Path:
     """A robot's files as the boot partition has them."""
     folder = tmp_path / "robot"
     (folder / "keys").mkdir(parents=True)
-    for name in ("fleet.yaml", "name", "host_ed25519", "authorized_keys", "update_key", "keys/ca.pem", "keys/one.key"):
+    for name in (
+        "fleet.yaml",
+        "name",
+        "host_ed25519",
+        "authorized_keys",
+        "update_key",
+        "wifi.conf",
+        "keys/ca.pem",
+        "keys/one.key",
+    ):
         (folder / name).write_text(f"{name} of one\n")
     return folder
 

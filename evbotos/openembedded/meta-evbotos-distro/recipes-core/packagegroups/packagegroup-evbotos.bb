@@ -14,6 +14,7 @@ PACKAGES = "\
     ${PN}-octave-image \
     ${PN}-robot-image \
     ${PN}-vision-image \
+    ${PN}-wireless-image \
 "
 
 RDEPENDS:${PN}-dev-image = "\
@@ -182,4 +183,47 @@ RDEPENDS:${PN}-vision-image = "\
     python3-simpleeval \
     python3-structlog \
     python3-typer \
+"
+
+RDEPENDS:${PN}-wireless-image = "\
+    busybox \
+    busybox-mdev \
+    busybox-syslog \
+    dropbear \
+    evbotos-rootfs \
+    evbotos-rootfs-hotplug \
+    evbotos-rootfs-log \
+    evbotos-rootfs-network \
+    evbotos-rootfs-robot \
+    evbotos-rootfs-ssh \
+    evbotos-rootfs-time \
+    evbotos-rootfs-update \
+    evbotos-rootfs-watchdog \
+    evbotos-rootfs-wifi \
+    glibc \
+    iw \
+    mdnsd \
+    nftables \
+    openntpd \
+    openssh-sftp-server \
+    python3-cffi \
+    python3-core \
+    python3-eal-actors \
+    python3-eal-actors-plugins \
+    python3-eclipse-zenoh \
+    python3-modules \
+    python3-msgpack \
+    python3-numpy \
+    python3-pydantic \
+    python3-pykka \
+    python3-pymunk \
+    python3-pyserial \
+    python3-pyyaml \
+    python3-rich \
+    python3-simpleeval \
+    python3-structlog \
+    python3-typer \
+    wireless-regdb-static \
+    wpa-supplicant \
+    wpa-supplicant-cli \
 "

@@ -18,8 +18,8 @@ from typing import Final
 _STATE: Final = Path("/run/evbotos")
 _DEFAULT: Final = Path("/usr/share/evbotos/fleet.yaml")
 _COPY: Final = Path("/data/serve")
-_SECRETS: Final = ("host_ed25519", "authorized_keys", "update_key")
-"""Files of an identity for SSH and updates, which the robot must not read."""
+_SECRETS: Final = ("host_ed25519", "authorized_keys", "update_key", "wifi.conf")
+"""Files of an identity for SSH, updates and Wi-Fi, which the robot must not read."""
 _REVOKED: Final = "revoked.txt"
 _AUTHORITY: Final = "ca.pem"
 _USER: Final = "robot"
