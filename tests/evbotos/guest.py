@@ -73,7 +73,7 @@ class Guest:
             "-initrd",
             self._initrd,
             "-append",
-            "console=ttyS0 quiet panic=-1 no_timer_check",
+            _KERNEL_LINE,
         ]
         for path, tag, access in (("/", "host", "on"), (shared, "shared", "off")):
             sharing = f"local,path={path},mount_tag={tag},security_model=none,readonly={access},multidevs=remap"

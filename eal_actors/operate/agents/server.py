@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 import hmac
 import json
-import math
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -62,7 +61,7 @@ class AgentServer:
         # The SDK reads and writes its pipes with the threads of anyio's default limiter. Requests that wait must not
         # take those, nor the threads of a stop.
         self._threads = CapacityLimiter(_MAX_THREADS)
-        self._stop_threads = CapacityLimiter(math.inf)
+        self._stop_threads = CapacityLimiter(_MAX_THREADS)
         self.server: Final[MCPServer[Any]] = MCPServer(
             "eal-actors", version=__version__, instructions=_INSTRUCTIONS, log_level="WARNING"
         )
