@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from evbotos.errors import BuildError
+from evbotos.fields import ROOTFS
 from evbotos.pruning import left_out, pattern_to_regex, prune_tree
 from evbotos.sizes import group_of, sizes_of
 from evbotos.tree import busybox_applets, normalise, overlay
@@ -90,3 +91,8 @@ def test_sizes_are_counted_by_what_people_know(tmp_path: Path) -> None:
     ((plain, packed),) = sizes_of(tmp_path).values()
     assert plain == 1000
     assert packed < 100
+
+
+def test_the_files_of_the_root_have_no_link_without_a_target() -> None:
+    """Packages of this project and OpenEmbedded's build copy what links point to."""
+    assert not [str(path) for path in ROOTFS.rglob("*") if path.is_symlink() and not path.exists()]
