@@ -153,7 +153,7 @@ def test_nesting_breaks_nothing(text: str) -> None:
         ("len(5)", "len() takes a list or a text, not a number"),
         ("min([])", "min() of an empty list has no value"),
         ("int('x')", "'x' is no whole number"),
-        ("sqrt(-1)", "math domain error"),
+        ("sqrt(-1)", "sqrt(-1): "),  # the words are those of Python, whose versions differ
         ("gone + 1", "the variable 'gone' has no value: the step that gives it one did not succeed"),
     ],
 )
