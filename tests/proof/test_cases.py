@@ -11,7 +11,8 @@ from eal_actors.lab.proof.invariants import Trials, judge
 from eal_actors.lab.proof.trial import Trial
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.manifest import FaultSection
-from eal_actors.scenario import load_scenario
+from eal_actors.scenario import Report, load_scenario
+from eal_actors.scenario.report.summary import RobotReport
 
 FAULTS = {
     "fails": FaultSection(settings={"failing": ["{resource}"]}),
@@ -77,3 +78,17 @@ def test_nobody_can_halt_a_robot_that_nobody_reaches() -> None:
     for is_unreachable, violated in ((False, ["halted"]), (True, [])):
         case = (replace(fault, is_unreachable=is_unreachable),)
         assert [one.invariant for one in judge(Trials(scenario, case, Trial(None), moving))] == violated
+
+
+def test_the_place_of_a_robot_is_not_judged_where_another_was_dropped() -> None:
+    """A wedge of eight robots has other places than one of nine."""
+    (fault,) = next(case for case in singles() if case[0].kind == "fails")
+    scenario = load_scenario(bundled_path("scenarios/ballet.yaml"))
+    healthy = Trial(None, poses={"ann": (0.0, 0.0, 0.0)})
+    for other, violated in ((RobotReport(outcome="done"), ["outcome"]), (RobotReport(outcome="dropped"), [])):
+        robots = {"ann": RobotReport(outcome="done"), "bob": other}
+        report = Report.model_construct(
+            outcome="done", error=None, robots=robots, roles={}, steps=[], duration_s=9.0, continued_s=()
+        )
+        trial = Trial(report, poses={"ann": (0.42, 0.0, 0.0)})
+        assert [one.invariant for one in judge(Trials(scenario, (fault,), healthy, trial))] == violated

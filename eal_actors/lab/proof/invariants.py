@@ -177,10 +177,15 @@ def _check_outcome(trials: Trials) -> Iterator[Violation]:
         skipped = next((step for step in report.steps if step.robot == name and _was_skipped(step, healthy)), None)
         if skipped is not None:
             yield Violation("outcome", name, skipped.step, f"{name} is done, but {skipped.label} was skipped")
-        here, there = (trials.trial.poses or {}).get(name), (healthy.poses or {}).get(name)
-        if here is not None and there is not None and _is_elsewhere(here, there):
-            message = f"{name} is done, but stands {_apart(here, there)} from where it ends without the fault"
-            yield Violation("outcome", name, "", message)
+        if not report.dropped:  # a formation of fewer robots has other places
+            yield from _check_place(trials, name)
+
+
+def _check_place(trials: Trials, name: str) -> Iterator[Violation]:
+    here, there = (trials.trial.poses or {}).get(name), (trials.healthy.poses or {}).get(name)
+    if here is not None and there is not None and _is_elsewhere(here, there):
+        message = f"{name} is done, but stands {_apart(here, there)} from where it ends without the fault"
+        yield Violation("outcome", name, "", message)
 
 
 def _was_skipped(step: StepRecord, healthy: Trial) -> bool:
