@@ -27,10 +27,12 @@ WORDS = {
     ("cli/app.py", "replay"): "the command `eal replay`",
     ("cli/app.py", "tracker:app"): "the commands `eal tracker ...`",
     ("cli/app.py", "tracker"): "the commands `eal tracker ...`",
+    ("cli/replay_service.py", "replay"): "the label of its bar",
     ("cli/records.py", "replay.yaml"): "the file that `eal replay` writes",
     ("managers/manifest.py", "camera"): "a kind of device",
     ("managers/shared_ports.py", "camera"): "a kind of device",
     ("operate/doctor/devices.py", "camera"): "a kind of device",
+    ("recording/mcap_file.py", "camera"): "a key of the record: whose picture it is",
     ("recording/provenance.py", "system"): "a key of the record: the operating system",
 }
 
