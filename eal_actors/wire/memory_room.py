@@ -1,4 +1,8 @@
-"""MemoryRoom: how much memory this process may still take, and whether that is little. Linux; nothing elsewhere."""
+"""MemoryRoom: how much memory this process may still take, and whether that is little. Linux; nothing elsewhere.
+
+Memory is short only if this process has grown too: on a machine that others fill, ending links would not help. Each
+limit counts, since whichever is reached first ends the process.
+"""
 
 from __future__ import annotations
 

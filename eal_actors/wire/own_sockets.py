@@ -1,4 +1,8 @@
-"""The TCP sockets of this process, which the network engine has opened: the engine says little about them itself."""
+"""The TCP sockets of this process, which the network engine has opened: the engine says little about them itself.
+
+Every socket here is a duplicate. To close it does not close the engine's, but what is set or shut down takes effect on
+both.
+"""
 
 from __future__ import annotations
 

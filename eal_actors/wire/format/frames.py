@@ -1,4 +1,8 @@
-"""Stream frames and stream requests, as objects and as bytes; see docs/reference/wire-format.md."""
+"""Stream frames and stream requests, as objects and as bytes; see docs/reference/wire-format.md.
+
+A frame carries the age of its value, since the clocks of both ends differ. Decoding any bytes returns a valid frame or
+raises an EALError; an image must have the size of its type header before it is decoded.
+"""
 
 from __future__ import annotations
 

@@ -91,7 +91,7 @@ class CallHeader(NamedTuple):
         era: of a command: the run of the robot's server that the echo is from; see freshness.
         echo_s: of a command: the robot's clock as a reply carried it, in seconds.
         held_s: of a command: seconds from that reply to the sending.
-        has_more: of a command: the client sends more commands at once, to any robots, so their replies may be batched.
+        has_more: ignored; older releases announce further commands with it.
         traceparent: span of the call in the format of W3C Trace Context; empty without tracing.
     """
 
@@ -166,7 +166,7 @@ class RobotEvent:
 
     Attributes:
         kind: such as `result`; readers ignore unknown kinds.
-        stamp_s: when it happened, in seconds of the robot's fleet time.
+        stamp_s: when it happened, by the robot's clock as in replies, in seconds.
         call: the call it is about, or None.
         answer: the outcome of that call, or None.
         fields: further plain values by name.

@@ -1,4 +1,8 @@
-"""ThrottledLog: warnings of malformed messages, few of each source and few in all, so that no stranger fills a disk."""
+"""ThrottledLog: warnings of malformed messages, few of each source and few in all, so that no stranger fills a disk.
+
+A period has one line for each of its first sources and one with the counts of the rest. The number of remembered
+sources is limited too, since without security a sender can name a new source in each message.
+"""
 
 from __future__ import annotations
 

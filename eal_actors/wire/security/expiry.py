@@ -1,4 +1,8 @@
-"""When certificates expire, read without the package `cryptography`, which robots need not have."""
+"""When certificates expire, read without the package `cryptography`, which robots need not have.
+
+A warning never prevents anything: a file that cannot be read gives none here and is reported where it is used. A read
+certificate is kept until its file changes, since each ping asks.
+"""
 
 from __future__ import annotations
 

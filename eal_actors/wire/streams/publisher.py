@@ -1,4 +1,9 @@
-"""StreamPublisher: publishes a robot's streams while controllers request them."""
+"""StreamPublisher: publishes a robot's streams while controllers request them.
+
+A stream ends with its last lease, so a controller that is killed needs no goodbye. It keeps the newest value only and
+drops frames in a full link: a slow reader misses frames and delays neither the robot nor the calls. The numbers of
+streams and readers are limited for each certificate, so that none uses up the robot.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""RemoteFeeds: requests streams of a robot and passes their frames to the readers."""
+"""RemoteFeeds: requests streams of a robot and passes their frames to the readers.
+
+Feeds with the same spec share one subscription and one lease, which is renewed three times within its length: a lost
+request ends no stream. Frames are decoded by those who read them, so a frame that nobody reads costs little. One in
+shared memory is taken out at once, since its slot would else stay in use.
+"""
 
 from __future__ import annotations
 

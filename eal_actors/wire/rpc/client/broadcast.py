@@ -1,4 +1,8 @@
-"""A request to many robots at once, such as an emergency stop: no handshake, and absent robots delay no others."""
+"""A request to many robots at once, such as an emergency stop: no handshake, and absent robots delay no others.
+
+A message may be lost with a link, so a robot is asked again until it answers; methods must be idempotent. Each robot
+has one result: its first answer, or that it did not answer in time.
+"""
 
 from __future__ import annotations
 

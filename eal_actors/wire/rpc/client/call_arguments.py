@@ -1,4 +1,7 @@
-"""The arguments of a call, as messages carry them."""
+"""The arguments of a call, as messages carry them.
+
+No method has more than one value: it becomes the payload, which is not copied. Texts and ints go into the header.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Discovery of robots: those behind an endpoint, and those of this network that answer multicast scouting."""
+"""Discovery of robots: those behind an endpoint, and those of this network that answer multicast scouting.
+
+Nothing that is found is used by itself: the fleet file decides what belongs together. An answer comes from anybody, so
+what is no robot is left out, and the number of answers is limited. Scouting tries no endpoint that needs certificates.
+"""
 
 from __future__ import annotations
 

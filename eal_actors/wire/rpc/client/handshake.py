@@ -1,4 +1,8 @@
-"""Decoding of a robot's answer to the handshake (`hello`), field by field, since it comes from another machine."""
+"""Decoding of a robot's answer to the handshake (`hello`), field by field, since it comes from another machine.
+
+Either all of an answer is valid, or ProtocolError: a robot is never half known. Fields and methods that this release
+does not know are ignored, and fields that older robots do not send have defaults: releases of one protocol version mix.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""ClockTracker: decodes replies to pings and tracks the offset of a robot's clock."""
+"""ClockTracker: decodes replies to pings and tracks the offset of a robot's clock.
+
+Readings of two runs of a robot's server are never combined: a new era drops the earlier ones, since the robot may have
+another clock after a restart. `latest` is replaced as a whole, so every thread reads it without the lock. A reply comes
+from another machine: a field of the wrong type is a ProtocolError.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""RemoteRobot: a robot in another process, as an actor with the interface of a robot in this process."""
+"""RemoteRobot: a robot in another process, as an actor with the interface of a robot in this process.
+
+Handshakes, losses and their order belong to this thread alone: a robot is ready only after a handshake since its last
+loss. A command is never sent again, since it might run twice. After a loss its outcome is asked for; after twice the
+dead-man's time, when the robot has halted in any case, it fails. A stop is sent again until the robot confirms it.
+"""
 
 from __future__ import annotations
 
@@ -61,7 +66,8 @@ _HELLO_RETRY_S: Final = 0.5
 class RemoteRobot(EALActor):
     """Connection to one remote robot; implements RobotConnection.
 
-    Thread: an actor; the readers' threads only queue actions in its mailbox.
+    Thread: an actor. The readers' threads queue changes of the robot's state in its mailbox; replies, and events of
+        commands, they handle themselves.
     """
 
     is_remote = True

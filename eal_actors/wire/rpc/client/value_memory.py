@@ -1,4 +1,8 @@
-"""ValueMemory: the memory that a controller shares with one robot for large values, if both are on one machine."""
+"""ValueMemory: the memory that a controller shares with one robot for large values, if both are on one machine.
+
+The current memory and the one before it stay open, since values in the latter may be on the way when it is replaced;
+an older one is closed. Memory is offered only after a large value has come over the link, since most robots have none.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""How a robot calls a resource for a controller: which arguments each method takes, and which calls are stops."""
+"""How a robot calls a resource for a controller: which arguments each method takes, and which calls are stops.
+
+Arguments come from another machine. Their number, types and lengths are checked before a call enters a mailbox, since
+a resource is not written for others, and a full mailbox keeps all their texts.
+"""
 
 from __future__ import annotations
 

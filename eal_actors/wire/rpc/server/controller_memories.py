@@ -1,4 +1,9 @@
-"""ControllerMemories: the memory that controllers on the same machine share with one robot."""
+"""ControllerMemories: the memory that controllers on the same machine share with one robot.
+
+No value depends on it: where memory cannot be opened, or has no free slot, the value goes over the link. A controller
+has one memory here at most, their number is limited, and one that its controller no longer has open is closed. So
+controllers that are killed or offer memory again do not use up the robot's.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""RobotHost: serves any number of robots over one session, with one thread for all."""
+"""RobotHost: serves any number of robots over one session, with one thread for all.
+
+That thread runs the dead-man's switches, so it waits for no link and no controller. The readers' threads take in calls
+and heartbeats, the outbox's thread sends, and calls of the robots themselves come behind the timers that are due.
+The host subscribes before a robot announces itself, so a robot that is found can be called. The mapping of its servers
+is replaced and never changed, so the readers' threads use it without a lock.
+"""
 
 from __future__ import annotations
 

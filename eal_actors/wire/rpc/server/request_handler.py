@@ -1,4 +1,9 @@
-"""RequestHandler: answers calls of the robot itself, such as the handshake, pings and cancellations."""
+"""RequestHandler: answers calls of the robot itself, such as the handshake, pings and cancellations.
+
+Every call gets an answer: an error becomes one, since arguments of a controller must not crash the host. The host's
+thread answers one call at a time. Two methods run in the reader's thread: a ping, which would else measure the calls
+before it, and a release, which must take effect before the controller's next command.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""RunningCommands: the commands that a robot executes for controllers, and the replies that wait for their end."""
+"""RunningCommands: the commands that a robot executes for controllers, and the replies that wait for their end.
+
+Each command is answered once, although its end and the time after which it is accepted may coincide: the thread that
+takes the address of the reply, under the lock, sends the reply. The outcome of an accepted command follows as an event.
+The values of all commands that have not ended are limited in bytes, since mailboxes limit their number only.
+"""
 
 from __future__ import annotations
 
