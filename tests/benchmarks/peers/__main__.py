@@ -17,13 +17,12 @@ from rich.table import Table
 from tests.benchmarks.peers.engine import ENGINES
 from tests.benchmarks.peers.others import Pyro, Viam, Xoscar
 from tests.benchmarks.peers.ours import Ours
-from tests.benchmarks.peers.page import REFERENCE, WHAT, Figure, draw, page, rows
+from tests.benchmarks.peers.page import RECONNECTS, REFERENCE, WHAT, Figure, draw, page, rows
 from tests.benchmarks.peers.peer import ROOT, Absent, Peer
 from tests.benchmarks.peers.tcp import Tcp
 
 PEERS: Final[tuple[type[Peer], ...]] = (Tcp, *ENGINES, Ours, Pyro, Xoscar, Viam)
 COUNTS: Final = {"get": 60, "command": 60, "callers": 15, "frame": 5, "fan_out": 3, "reconnect": 1}
-RECONNECTS: Final = 5
 PAGE: Final = ROOT / "docs" / "peers.md"
 CHART: Final = ROOT / "docs" / "images" / "peers.svg"
 

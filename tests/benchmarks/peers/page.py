@@ -20,12 +20,15 @@ WHAT: Final[Mapping[str, str]] = {
     "fan_out": "one command to 100 robots, all answers",
     "reconnect": "first answer after a kill and restart",
 }
+RECONNECTS: Final = 5
+"""Rounds of the restart, which takes longest."""
 _TEXT: Final = """\
 # Comparison with peers
 
 `make bench-peers` writes this page. It runs the same work through this project, the engines below it and other
-projects, in turn in one run, with all processes on one core. Each figure is the median over {rounds} rounds.
-The number in brackets is the ratio to raw TCP, the median of the rounds' ratios. Smaller is better.
+projects, in turn in one run, with all processes on one core. Each figure is the median over {rounds} rounds,
+that of the restart over {restarts}. The number in brackets is the ratio to raw TCP, the median of the rounds' ratios.
+Smaller is better.
 
 {table}
 
@@ -43,7 +46,8 @@ and ends every call at its deadline.
 - One of the hundred robots is a connection with raw TCP, Pyro5 and viam-sdk, and a name behind one connection with the
   others.
 - After the kill, the time starts when the new process listens. Raw TCP, Pyro5, xoscar and viam-sdk are retried every
-  2 ms with a new connection. zenoh and eal-actors find the robot by themselves, with back-off between attempts.
+  2 ms with a new connection. zenoh and eal-actors find the robot by themselves: zenoh with
+  back-off between attempts, eal-actors at a constant rate.
 
 {date}, {machine}; {versions}.
 """
@@ -88,6 +92,7 @@ def page(figures: Figures, titles: Sequence[str], absent: Mapping[str, str], rou
     lines = [head, ["---"] * len(head), *body]
     return _TEXT.format(
         rounds=rounds,
+        restarts=RECONNECTS,
         table="\n".join(f"| {' | '.join(line)} |" for line in lines),
         absent="".join(f"Left out: {name}, for {reason}.\n\n" for name, reason in absent.items()),
         date=f"{datetime.now(UTC):%Y-%m-%d}",
