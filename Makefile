@@ -75,7 +75,7 @@ $(AARCH64)/.made: $(STAMP)
 demo-aarch64: $(AARCH64)/.made  ## the dance on 64-bit ARM, under qemu-user
 	$(ON_AARCH64) -m eal_actors run dance --fleet sim --rate max --no-plot
 
-test-aarch64: $(AARCH64)/.made  ## tests of the clock, the actors, the wire format and a driver's protocol on 64-bit ARM, under qemu-user
+test-aarch64: $(AARCH64)/.made  ## tests of the clock, the mailboxes, the futures and two drivers' protocols on 64-bit ARM, under qemu-user
 	$(ON_AARCH64) -m pytest -p no:cacheprovider -q $(AARCH64_TESTS)
 
 container:  ## build the image of Containerfile on Debian's Python, with buildah; CONTAINER_FLAGS are options of `buildah build`

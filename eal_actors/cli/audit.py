@@ -1,4 +1,4 @@
-"""`eal audit`: what the users of the dashboard commanded."""
+"""`eal audit`: what agents and the users of the dashboard commanded, and who decided about plans."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from eal_actors.operate.audit import read_audit
 
 
 def show_audit(
-    runs_dir: Annotated[Path, typer.Option(help="The folder of runs that the dashboard was given.")] = Path("runs"),
+    runs_dir: Annotated[Path, typer.Option(help="The folder of runs of `eal dashboard` or `eal mcp`.")] = Path("runs"),
     last: Annotated[int, typer.Option(min=1, help="How many commands to show.")] = 50,
     as_json: JsonOption = False,
 ) -> None:
-    """Show the commands of the dashboard's users: who, what, when, from where, and the outcome.
+    """Show the commands of agents and of the dashboard's users: who, what, when, from where, and the outcome.
 
-    Refused commands and wrong tokens are shown too. A command without an outcome has not ended, or its end was lost
-    with the dashboard's process.
+    Decisions about plans, refused commands and wrong tokens are shown too. A command without an outcome has not ended,
+    or its end was lost with its process.
     """
     entries = read_audit(runs_dir)[-last:]
     if as_json:

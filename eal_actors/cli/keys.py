@@ -135,7 +135,7 @@ def robot_keys(
 def controller_keys(
     name: Annotated[str, typer.Argument(metavar="NAME", show_default=False, help="Name of a person or program.")],
     fleet: FleetOption,
-    observer: Annotated[bool, typer.Option("--observer", help="Allow reading only.")] = False,
+    observer: Annotated[bool, typer.Option("--observer", help="Allow only reading and requests.")] = False,
     valid: ValidOption = None,
     directory: DirOption = None,
     force: ForceOption = False,

@@ -103,7 +103,8 @@ def revoke_keys(
     security = config.network.security
     if security is not None and security.routers:
         advise("Routers that forwarded it have stored it too; check revoked.txt in their folder of keys.")
-    advise("Programs that run use the list when they connect again; remove the names from the fleet file's roles too.")
+    advise("Programs that run follow revoked.txt in their own folder of keys: copy it there.")
+    advise("Remove the names from the roles in the fleet file too.")
     if any(errors.values()):
         raise typer.Exit(ExitCode.FAILED)
 

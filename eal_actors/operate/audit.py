@@ -1,4 +1,4 @@
-"""AuditLog: every command of the dashboard's users in a file: who, what, when, from where, and its outcome.
+"""AuditLog: every command of agents and of the dashboard's users in a file: who, what, when, from where, its outcome.
 
 A command leaves one line when it begins and one when it ends, so that a crash between them hides nothing. Lines are
 written by a thread of their own: no command waits for a disk, least of all a stop.

@@ -191,7 +191,7 @@ Message = Annotated[
 
 _ROLES: Final[Mapping[type, Role]] = {
     **dict.fromkeys((CallResource, CommandRobots, SendRobot, StopAll, ResumeAll, DriveRobot, ReleaseRobot), Role.DRIVE),
-    **dict.fromkeys((StartRun, ControlRun, DecidePlan), Role.RUN),
+    **dict.fromkeys((StartRun, ControlRun, ListPlans, DecidePlan), Role.RUN),
     ReloadFleet: Role.ADMINISTER,
 }
 

@@ -35,7 +35,7 @@ LENS = {
 
 
 EXPOSURES_S = (0.0, 0.01, 0.02)
-"""Exposures with which the effect of motion blur is measured: 0.4 m/s is 0.28 pixels in a millisecond."""
+"""Exposures with which the effect of motion blur is measured: 0.4 m/s is 0.12 pixels in a millisecond."""
 FAST_M_S = 0.4
 
 

@@ -326,6 +326,19 @@ def test_an_operator_signs_in_by_https_and_stops_the_robots(open_page: OpenPage,
         expect(page.get_by_role("button", name="Start", exact=True)).to_be_disabled()
 
 
+def test_the_tab_of_an_operator_who_may_only_watch_keeps_the_token(open_page: OpenPage, fleet: Fleet) -> None:
+    ben = OperatorSection(role="watch", token=hash_token("the-token"))
+    with (
+        Dashboard(fleet, Access("127.0.0.1", operators={"ben": ben})) as dashboard,
+        open_page(dashboard.link) as page,
+    ):
+        page.get_by_label("Token").fill("ben.the-token")
+        page.get_by_label("Token").press("Enter")
+        expect(page.locator("#user")).to_have_text("ben · watch")
+        page.reload()
+        expect(page.locator("#user")).to_have_text("ben · watch")
+
+
 # A robot's panel.
 
 

@@ -26,6 +26,7 @@ from eal_actors.operate.dashboard.tokens import hash_token, matches
 from eal_actors.wire.security.certificates import certificate_file, key_file, make_authority, make_certificate
 from tests.cli.conftest import Program
 from tests.manual_clock import ManualClock
+from tests.operate.agents.waiting_plan import keep_plan
 from tests.operate.dashboard.rig import Page, connect_to, counting_fleet, page_of
 
 ROLES: tuple[OperatorRole, ...] = ("watch", "drive", "run", "administer")
@@ -131,6 +132,23 @@ def test_each_role_may_do_what_it_says(dashboard: Dashboard, role: OperatorRole)
             assert is_refused is (ROLES.index(role) < ROLES.index(needed)), name
             if is_refused:
                 assert answer["error"] == f"a.{role} has the role {role}; this needs {needed}"
+
+
+@pytest.mark.parametrize("role", ROLES)
+def test_plans_of_agents_are_shown_to_those_who_decide_about_them(
+    dashboard: Dashboard, tmp_path: Path, role: OperatorRole
+) -> None:
+    plan = keep_plan(tmp_path / "runs", "hall")
+    with page_of(dashboard, token_of(role)) as page:
+        answer = page.ask(do="plans")
+    dashboard.close()
+    asked = [entry["outcome"] for entry in read_audit(tmp_path / "runs") if entry["command"] == "plans"]
+    if role in ("run", "administer"):
+        assert [shown["hash"] for shown in answer["plans"]] == [plan.hash]
+        assert asked == [], "the page asks every two seconds, which is no command"
+    else:
+        assert answer["code"] == "access_denied"
+        assert asked == [f"refused: a.{role} has the role {role}; this needs run"]
 
 
 def test_the_audit_log_has_every_command(dashboard: Dashboard, tmp_path: Path, eal: Program) -> None:

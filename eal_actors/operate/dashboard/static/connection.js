@@ -94,7 +94,7 @@ function receive(message) {
     retries = 0;
     connection.isOpen = true;
     connection.closeReason = null;
-    if (token && message.hello.may_command) sessionStorage.setItem("token", token);
+    if (token && message.hello.user !== "anybody") sessionStorage.setItem("token", token);
     store.reset(message.hello);
     connection.onState();
     return;
