@@ -224,6 +224,13 @@ class ResourceInfo:
         is_image = value is not None and value.type is DataType.CHAR and len(value.shape) == 3 and value.shape[2] == 3
         return is_image and ResourceType.SENSOR in self.types
 
+    def is_reading(self, req: str) -> bool:
+        """Return whether a request moves nothing: it is declared, or the resource only senses.
+
+        A request in free text may do anything, such as call a service of ROS 2 or an instant action of an AGV.
+        """
+        return self.types == ResourceType.SENSOR or any(request.name == req for request in self.requests)
+
     def parse_command(self, text: str, data: EALData | None) -> tuple[CommandInfo, EALData | None]:
         """Return the command of a text, and its checked argument.
 

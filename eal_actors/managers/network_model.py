@@ -137,7 +137,7 @@ class RolesSection(StrictModel):
     controllers: tuple[Name | GrantSection, ...] = Field(default=(), strict=False)
     """May do everything."""
     observers: tuple[Name | GrantSection, ...] = Field(default=(), strict=False)
-    """May read values, states, events and streams, and send requests."""
+    """May read values, states, events and streams, and send the requests that a resource declares."""
     routers: tuple[Name, ...] = Field(default=(), strict=False)
     """Forward the traffic of others, and check their permissions."""
 

@@ -15,7 +15,7 @@ from pydantic import Field, PositiveFloat, ValidationError
 from typing_extensions import override
 
 from eal_actors.device.data import EALData
-from eal_actors.device.info import ResourceInfo, ResourceType
+from eal_actors.device.info import ResourceInfo
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ConfigError, EALError, Problem
 from eal_actors.kernel.strict_model import StrictModel, Version1, problems_from
@@ -180,7 +180,7 @@ def _call_reason(rule: PolicyRule, method: str, info: ResourceInfo, given: Mappi
         return None
     if given is None:
         return f"{info.name} {method} has a value that is known only during the run"
-    if method == "send_req" and _is_reading(info, str(given["req"])):
+    if method == "send_req" and info.is_reading(str(given["req"])):
         return None
     if method == "set_value" and info.name in rule.values:
         return _outside(f"{info.name} set_value", given["value"], rule.values[info.name])
@@ -197,11 +197,6 @@ def _call_reason(rule: PolicyRule, method: str, info: ResourceInfo, given: Mappi
         return f"{info.name} {name}"
     span = allowed[name]
     return _outside(f"{info.name} {name}", argument.value if argument is not None else 0, span) if span else None
-
-
-def _is_reading(info: ResourceInfo, req: str) -> bool:
-    """Return whether a request moves nothing: others call services of ROS 2 and instant actions of AGVs."""
-    return info.types == ResourceType.SENSOR or any(request.name == req for request in info.requests)
 
 
 def _outside(what: str, value: Any, span: Span) -> str | None:

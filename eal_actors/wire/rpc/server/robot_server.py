@@ -49,6 +49,7 @@ from eal_actors.wire.rpc.server.replies import Replies
 from eal_actors.wire.rpc.server.request_handler import RequestHandler
 from eal_actors.wire.rpc.server.request_queue import RequestQueue
 from eal_actors.wire.rpc.server.running_commands import ReplyTo, RunningCommands, ServedCommand
+from eal_actors.wire.security.access import Rights, encode_rights
 from eal_actors.wire.streams.publisher import StreamPublisher
 
 if TYPE_CHECKING:
@@ -103,6 +104,7 @@ class RobotServer:
         self._outbox = outbox
         self._requests = requests
         self._on_close = on_close
+        self._rights = encode_rights(network.security, robot.name)
         self._era = secrets.token_hex(4)
         self._event_key = keys.event_key(fleet, robot.name)
         self._admission = Admission(
@@ -234,6 +236,8 @@ class RobotServer:
                 raise ProtocolError(f"a controller named {call.caller} calls in the name of another one")
             if header.era:  # a command, whose caller is named to others
                 self._admission.names.note(route.client, call.caller)
+            if call.method == "send_req":
+                self._check_request(call, header.arguments)
             if data is not None and data.stamp_s is not None:
                 data = data.with_meta(stamp_s=self._clock.from_real(data.stamp_s))
             if header.traceparent:
@@ -250,6 +254,19 @@ class RobotServer:
             self._log.exception("a call failed", method=call.method, resource=call.resource)
             failure = ResourceFaultError(f"the server raised {error_text(error)}")
             self._answer(reply_to or ReplyTo(route.answer_key, 0), failure)
+
+    def _check_request(self, call: keys.CallKey, arguments: tuple[str | int, ...]) -> None:
+        """Raise AccessDeniedError for a request that may move something, of a caller that may not command the resource.
+
+        The engine's access control knows the methods alone, and lets observers send requests.
+        """
+        rights = Rights.decode(self._rights, call.caller)
+        if rights is None or rights.allows(call.resource, "send_cmd"):
+            return
+        info = self._robot[call.resource].info
+        if not all(info.is_reading(str(req)) for req in arguments):
+            message = f"does not grant a request in free text to {call.caller!r}, which may not command it"
+            raise AccessDeniedError(message, resource=call.resource)
 
     def refuse(self, route: keys.CallRoute, first: Buffer, error: BusyError) -> None:
         """Answer a call whose parts are not collected. Thread: the reader's; does not block.

@@ -193,7 +193,7 @@ class Eye(api.Resource):
 
 
 class Line(api.Resource):
-    """A line that gives back what was written to it."""
+    """A line that gives back what was written to it; a request is written too."""
 
     types = api.ResourceType.COMMUNICATION
 
@@ -207,6 +207,10 @@ class Line(api.Resource):
     def write_comm(self, data: api.EALData, length: int) -> int:
         self._bytes += bytes(data.payload)[:length]
         return length
+
+    def send_req(self, req: str) -> str:
+        self._bytes += req.encode()
+        return req
 
     def halt(self) -> None: ...
 
