@@ -16,7 +16,9 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from tests.net.rig import Rig
+from eal_actors import Fleet
+from tests.net.links import eventually
+from tests.net.rig import Rig, ready
 
 PASSES = 12
 SCENARIO = f"""
@@ -98,6 +100,12 @@ def controller(rig: Rig, folder: Path, *, kill_after: int, is_resumed: bool) -> 
     assert process.returncode in (0, 3, -signal.SIGKILL), "a controller ended by an error of its own; see its traceback"
 
 
+def is_free(rig: Rig) -> bool:
+    """Return whether no controller holds a resource."""
+    with ready(Fleet(rig.config)) as fleet:
+        return not any(robot.ping().get().holders for robot in fleet.values())
+
+
 def judge(rig: Rig, tally: Tally, *, is_done: bool) -> None:
     """Count, by the robots' own notes, what was carried out twice or late, and start new notes."""
     for robot in ("r1", "r2"):
@@ -112,9 +120,11 @@ def judge(rig: Rig, tally: Tally, *, is_done: bool) -> None:
 
 def live(folder: Path, kills: int, seed: int) -> Tally:
     """Run the scenario again and again, until so many of its controllers were killed."""
-    rig, chance, tally = Rig(folder, ["r1", "r2"]), random.Random(seed), Tally()  # noqa: S311
+    rig = Rig(folder, ["r1", "r2"], network={"lease_s": 1.5})  # less than the dead man's time
+    chance, tally = random.Random(seed), Tally()  # noqa: S311
     with rig.served_here():
         for number in count():
+            assert eventually(lambda: is_free(rig))  # a new run does not wait for what a dead controller holds
             place = folder / f"machine-{number}"
             place.mkdir()
             (place / "chores.yaml").write_text(SCENARIO, encoding="utf-8")

@@ -207,7 +207,5 @@ def test_ten_minutes_of_twenty_robots_are_a_small_page_that_moves(tmp_path: Path
     text = f"{best:.0f} frames/s, an empty page {reference:.0f}, {half_ms:.2f} ms of script a frame"
     print(f"{size / 1e6:.2f} MB, {text}")  # noqa: T201
     assert page.evaluate("now") > 0
-    assert best > 0.5 * min(
-        60.0, reference
-    )  # 60 on an idle machine; an empty page draws nothing, so load slows it less
+    assert best >= 0.95 * min(60.0, reference)  # on an idle machine: an empty page draws nothing, so load slows it less
     assert half_ms < 1000 / 60 / 2

@@ -242,12 +242,12 @@ class Run:
     def _prepare(self) -> Coroutine:
         run = self._run
         if self._resumption is not None:
-            first = self._resumption.first_step
-            self._emit(partial(checkpoints.run_continued, run, first, self._wall_started))
+            self._emit(partial(checkpoints.run_continued, run, self._resumption.first_step, self._wall_started))
             checkpoints.fill_slots(run)
             checkpoints.restore(run, self._resumption)
-            if run.losses is not None:  # the lease of the controller that died outlives it
-                yield run.loop.sleep(run.clock.of_real(self._fleet.config.network.lease_s))
+            if run.losses is not None:  # what the controller that died holds outlives it
+                network = self._fleet.config.network
+                yield run.loop.sleep(run.clock.of_real(max(network.lease_s, network.dead_man_s)))
         else:
             self._emit(partial(checkpoints.run_started, run))
             checkpoints.fill_slots(run)
