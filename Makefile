@@ -131,8 +131,9 @@ bench-panorama: $(STAMP)  ## measure panoramas of frames with faults; writes doc
 bench-lookahead: $(STAMP)  ## measure the look-ahead with ten robots; writes docs/proving.md
 	$(BIN)/python -m tests.benchmarks.lookahead --page docs/proving.md
 
-bench-proof: $(STAMP)  ## prove the shipped scenarios and ten planted bugs; writes docs/proving.md
+bench-proof: $(STAMP) bench-lookahead  ## prove the shipped scenarios and ten planted bugs, foretell contacts, kill a hundred controllers; writes docs/proving.md
 	$(BIN)/python -m tests.benchmarks.proof --others --planted --page docs/proving.md
+	$(BIN)/python -m pytest -n 0 -q -m slow -rP tests/net/test_second_life.py
 
 soak: $(STAMP)  ## twenty robots under kills, freezes, cuts, floods and garbage for twenty minutes; writes docs/soak.md
 	$(BIN)/python -m tests.soak --page docs/soak.md
