@@ -22,7 +22,7 @@ from eal_actors.facade.service import RobotService, serve_together
 from eal_actors.kernel.errors import ConfigError, EALError, Problem
 from eal_actors.lab.fleet_edits import write_identity
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.managers.network_model import BEHIND_ROUTER, IDENTITY_VARIABLE, is_loopback
+from eal_actors.managers.network_model import IDENTITY_VARIABLE
 
 
 def serve_robot(
@@ -68,8 +68,7 @@ def _with_identity(config: FleetConfig, out: Console) -> FleetConfig:
     Raises:
         ConfigError: its file cannot be changed.
     """
-    network = config.network
-    if network.identity is not None or network.security is not None or not _is_reachable(config):
+    if not config.needs_identity(config.robots):
         return config
     try:
         write_identity(config)
@@ -82,14 +81,6 @@ def _with_identity(config: FleetConfig, out: Console) -> FleetConfig:
     )
     print_line(out, text)
     return written
-
-
-def _is_reachable(config: FleetConfig) -> bool:
-    """Return whether other machines reach a robot."""
-    network, robots = config.network, [robot for robot in config.robots.values() if robot.address is not None]
-    own = [robot.listen or robot.address or "" for robot in robots if robot.address != BEHIND_ROUTER]
-    relays = network.routers if len(own) < len(robots) else ()
-    return not all(map(is_loopback, (*own, *relays)))
 
 
 def _identity_line(config: FleetConfig) -> str:

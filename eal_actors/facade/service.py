@@ -13,6 +13,7 @@ from eal_actors.actors.handles import RobotHandle
 from eal_actors.device.info import unknown_name
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ConfigError, EALError, Problem, UnsupportedError
+from eal_actors.kernel.log import get_logger
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_changes import FleetChanges
 from eal_actors.managers.fleet_model import FleetConfig
@@ -82,6 +83,7 @@ class RobotService:
 
         Thread: blocks the caller.
         """
+        self._warn_of_strangers()
         with ExitStack() as stack:
             if not self._shares:
                 stack.callback(self._fleet.close, _CLOSE_S)
@@ -98,6 +100,13 @@ class RobotService:
             keeper.follow(self._host.move_to)
             self._stack = stack.pop_all()
         return self
+
+    def _warn_of_strangers(self) -> None:
+        if self._config.needs_identity([self._name]):
+            get_logger(fleet=self._config.name, robot=self._name).warning(
+                "the fleet has neither an identity nor keys: every fleet of its name commands the robot; "
+                "set `network: {identity: NAME}` in its file, or serve it once by `eal serve`, which writes one"
+            )
 
     def _serve(self, host: RobotHost) -> None:
         self._server = host.serve(self.robot, self._wanted.exclusive)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Final, Literal
@@ -25,12 +25,14 @@ from eal_actors.kernel.lock_step import Rate
 from eal_actors.kernel.strict_model import NAMES_ONLY, Name, NameTemplate, StrictModel, Version1, problems_from
 from eal_actors.kernel.yaml_tree import Mark, MarkedDict, YamlPath, YamlTree
 from eal_actors.managers.network_model import (
+    BEHIND_ROUTER,
     DEFAULT_NETWORK,
     IDENTITY_MARK,
     AddressText,
     EndpointText,
     NetworkConfig,
     NetworkSection,
+    is_loopback,
 )
 
 MAX_ROBOTS_OF_ONE_ENTRY = 10_000
@@ -299,6 +301,15 @@ class FleetConfig:
         """Its name in keys of the network: robots and controllers with another one do not hear each other."""
         identity = self.network.identity
         return self.name if identity is None else f"{self.name}{IDENTITY_MARK}{identity}"
+
+    def needs_identity(self, robots: Iterable[str]) -> bool:
+        """Return whether other machines reach one of these robots, and any fleet of this name commands them."""
+        if self.network.identity is not None or self.network.security is not None:
+            return False
+        addressed = [robot for name in robots if (robot := self.robots[name]).address is not None]
+        own = [robot.listen or robot.address or "" for robot in addressed if robot.address != BEHIND_ROUTER]
+        relays = self.network.routers if len(own) < len(addressed) else ()
+        return not all(map(is_loopback, (*own, *relays)))
 
 
 def robot_config(name: str, merged: MarkedDict, types: tuple[str, ...]) -> RobotConfig:

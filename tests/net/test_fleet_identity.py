@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import yaml
+from structlog.testing import capture_logs
 
 from eal_actors import Fleet
 from eal_actors.actors.robot_view import RobotState
@@ -106,6 +108,19 @@ def test_a_robot_of_this_machine_alone_needs_no_identity(tmp_path: Path) -> None
     with process(serving(rig.file, "r1"), tmp_path) as server:
         server.wait_for("no identity: programs of this machine with a fleet of this name command it")
     assert rig.file.read_text() == before
+
+
+@pytest.mark.parametrize(("identity", "warnings"), [(None, 1), ("ours", 0)])
+def test_a_service_that_everybody_reaches_warns_without_an_identity(
+    tmp_path: Path, identity: str | None, warnings: int
+) -> None:
+    """Only `eal serve` asked for an identity: a service made in Python obeyed every fleet of its name in silence."""
+    file = two_robots(tmp_path / "hers")
+    config = EALConfigManager.load(file).fleet
+    config = replace(config, network=replace(config.network, identity=identity))
+    with capture_logs() as logs, RobotService(config, "r1"):
+        pass
+    assert [line["robot"] for line in logs if "neither an identity nor keys" in line["event"]] == ["r1"] * warnings
 
 
 def serving(file: Path, robot: str) -> list[str]:

@@ -35,7 +35,6 @@ OTHERS = (
     "inspect:sim",
     "ballet:formation",
 )
-RUNS_OF_OTHERS = 60
 SCENARIOS = (
     "what",
     "runs",
@@ -65,7 +64,7 @@ def main(arguments: list[str]) -> int:
     names = options.scenarios or ([] if options.planted and not options.others else THESIS)
     proofs = [_of_scenario(name, options.runs) for name in names]
     if options.others:
-        proofs += [_of_scenario(name, RUNS_OF_OTHERS) for name in OTHERS]
+        proofs += [_of_scenario(name, options.runs) for name in OTHERS]
     bugs = [_of_bug(number) for number in range(len(PLANTED))] if options.planted else []
     _show(SCENARIOS, [row for row, _ in proofs], options.page, MARK, load)
     _show(BUGS, [row for row, _ in bugs], options.page, MARK_OF_BUGS, load)
