@@ -15,7 +15,7 @@ from eal_actors.cli.run_options import RunsDirOption
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import new_waiter
 from eal_actors.managers.missing_modules import require_modules
-from eal_actors.recording import Extent, LiveRecord, RunFolder, draw_run, new_run_folder
+from eal_actors.recording import Extent, LiveRecord, RunFolder, draw_run, new_run_folder, repair_interrupted
 
 
 def record_fleet(
@@ -43,6 +43,7 @@ def record_fleet(
     require_modules(config, config.robots)
     out = stdout()
     with Fleet(config).connect() as opened:
+        repair_interrupted(runs_dir)
         directory = new_run_folder(runs_dir, "record")
         with LiveRecord(opened, directory, record):
             end = "Ctrl-C ends it" if duration_s is None else f"for {duration_s:g} s"

@@ -28,7 +28,7 @@ def repair_runs(
     """Make the records of killed runs whole, so that every reader opens their run.mcap.
 
     The lost end of run.mcap is restored from events.jsonl and trajectory.csv, which lose nothing. A whole record stays
-    as it is. Do not repair a run that is still going.
+    as it is, and a run that is under way is refused. The next start of a run in the same folder of runs does this too.
     """
     for run in runs:
         with reading_run():

@@ -63,6 +63,7 @@ from eal_actors.recording import (
     folder_errors,
     keep_provenance,
     new_run_folder,
+    repair_interrupted,
     repair_record,
 )
 from eal_actors.recording.run_folder import TRAJECTORY
@@ -206,6 +207,7 @@ def _execute(
         with plugin_advice(opened):
             plan = _plan(request, opened)
         resumption = request.resumption
+        repair_interrupted(runs_dir)
         directory = resumption.directory if resumption is not None else new_run_folder(runs_dir, plan.scenario.name)
         progress = new_progress(console, opened, options)
         with folder_errors(directory):

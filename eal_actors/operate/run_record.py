@@ -11,7 +11,15 @@ from eal_actors.actors.future import Future
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import EALError, error_text
 from eal_actors.kernel.log import get_logger
-from eal_actors.recording import RunFolder, RunRecorder, draw_run, folder_errors, keep_provenance, new_run_folder
+from eal_actors.recording import (
+    RunFolder,
+    RunRecorder,
+    draw_run,
+    folder_errors,
+    keep_provenance,
+    new_run_folder,
+    repair_interrupted,
+)
 from eal_actors.recording.report_page import render_report
 from eal_actors.scenario import Plan, Report
 
@@ -28,6 +36,7 @@ class RunRecord:
 
     def __init__(self, fleet: Fleet, plan: Plan, runs_dir: Path) -> None:
         self._world = fleet.config.world
+        repair_interrupted(runs_dir)
         self.directory: Final = new_run_folder(runs_dir, plan.scenario.name)
         with folder_errors(self.directory):
             keep_provenance(self.directory, fleet.config, plan.scenario)

@@ -19,7 +19,7 @@ from eal_actors.recording.live_record import LiveRecord
 from eal_actors.recording.picture import draw_run, draw_trajectory
 from eal_actors.recording.poses import PoseRecorder, PoseSample
 from eal_actors.recording.provenance import keep_provenance, kept_world
-from eal_actors.recording.repair import repair_record
+from eal_actors.recording.repair import repair_interrupted, repair_record
 from eal_actors.recording.report_page import render_report
 from eal_actors.recording.run_folder import RunFolder, folder_errors, new_run_folder
 from eal_actors.recording.run_recorder import Extent, RepeatedPast, RunRecorder
@@ -47,5 +47,6 @@ __all__ = [
     "path_deviations",
     "render_difference",
     "render_report",
+    "repair_interrupted",
     "repair_record",
 ]

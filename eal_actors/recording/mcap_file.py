@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -35,6 +36,8 @@ _LIBRARY: Final = "eal_actors"
 _CHUNK_BYTES: Final = 65536
 """A crash of the controller loses at most so much of the end of a file; events.jsonl loses nothing."""
 _JSON: Final = "application/json"
+_MAGIC: Final = b"\x89MCAP0\r\n"
+"""The first and the last bytes of a whole file."""
 _NS: Final = 1e9
 
 
@@ -338,6 +341,17 @@ def read_mcap(path: Path) -> McapContent:
                 case Footer():
                     content.is_complete = True
     return content
+
+
+def is_whole(path: Path) -> bool:
+    """Return whether a file ends as a finished one does.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    with path.open("rb") as stream:
+        stream.seek(-min(len(_MAGIC), path.stat().st_size), os.SEEK_END)
+        return stream.read() == _MAGIC
 
 
 def _records(path: Path) -> Iterator[McapRecord]:

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-from eal_actors.kernel.errors import UnsupportedError
+from eal_actors.kernel.errors import ScenarioError, UnsupportedError
 from eal_actors.kernel.log import get_logger
 from eal_actors.recording.mcap_file import (
     ARENA_TOPIC,
@@ -16,6 +16,7 @@ from eal_actors.recording.mcap_file import (
     HULLS_TOPIC,
     RECORD_FILE,
     McapFile,
+    is_whole,
     pose_topic,
     write_event,
     write_path,
@@ -23,7 +24,7 @@ from eal_actors.recording.mcap_file import (
 from eal_actors.recording.poses import POSE_RESOURCES, path_resource
 from eal_actors.recording.recorded_run import INFOS
 from eal_actors.recording.run_folder import TRAJECTORY, RunFolder
-from eal_actors.scenario.report.journal import cut_half_line
+from eal_actors.scenario.report.journal import EVENTS, SUMMARY, cut_half_line, hold_record, is_under_way
 
 PART_FILE: Final = "run-2.mcap"
 """The file of a resumed run until its end, when it is merged into RECORD_FILE."""
@@ -42,19 +43,53 @@ def repair_record(directory: Path) -> float:
         The time at which the run is to be resumed, just after the last entry, in seconds since its start.
 
     Raises:
-        ScenarioError: it is no folder of a run, or a file in it is broken.
+        ScenarioError: it is no folder of a run, a file in it is broken, or the run is under way.
         OSError: a file cannot be written.
     """
-    if (directory / TRAJECTORY).exists():
-        cut_half_line(directory / TRAJECTORY)
     run = RunFolder.open(directory)
+    with hold_record(directory):
+        return _repair(run)
+
+
+def _repair(run: RunFolder) -> float:
+    if (run.path / TRAJECTORY).exists():
+        cut_half_line(run.path / TRAJECTORY)
     times_s = [float(event["time_s"]) for event in run.events]
     times_s += [path[-1].time_s for path in run.paths.values()]
     try:
         times_s.append(merge_record(run))
     except UnsupportedError as error:
         get_logger().warning("run.mcap ends where the run was interrupted", reason=error.message)
-    return (math.ceil(max(times_s) * _MS) + 1) / _MS
+    return (math.ceil(max(times_s, default=0.0) * _MS) + 1) / _MS
+
+
+def repair_interrupted(runs_dir: Path) -> list[Path]:
+    """Repair the records of runs whose controller died, so that every reader opens them. Runs under way are left alone.
+
+    A record that cannot be repaired is logged.
+
+    Args:
+        runs_dir: the folder with the folders of runs.
+
+    Returns:
+        The folders of the repaired runs.
+    """
+    repaired = []
+    for events in sorted(runs_dir.glob(f"*/{EVENTS}")):
+        directory = events.parent
+        file = directory / RECORD_FILE
+        try:
+            if (directory / SUMMARY).exists() or not file.exists() or is_whole(file) or is_under_way(directory):
+                continue
+            repair_record(directory)
+        except (OSError, ScenarioError) as error:
+            get_logger().warning(
+                "the record of an interrupted run cannot be repaired", run=str(directory), reason=str(error)
+            )
+        else:
+            get_logger().warning("the record of an interrupted run is repaired", run=str(directory))
+            repaired.append(directory)
+    return repaired
 
 
 def merge_record(run: RunFolder) -> float:

@@ -21,10 +21,11 @@ from eal_actors.kernel.clock import wall_time
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.kernel.lock_step import MAX
 from eal_actors.managers.config import EALConfigManager
-from eal_actors.recording import RunRecorder
+from eal_actors.recording import RunFolder, RunRecorder, repair_record
 from eal_actors.recording.mcap_file import read_mcap
 from eal_actors.recording.recorded_run import RecordedRun
 from eal_actors.scenario.report.events import RunContinued
+from eal_actors.scenario.report.journal import hold_record
 from tests.recording.conftest import record_run
 
 
@@ -140,6 +141,28 @@ def test_a_killed_record_is_repaired_for_every_reader(run: Path, tmp_path: Path)
     whole_topics = [entry.topic for entry in read_mcap(run / "run.mcap").messages]
     for topic in ("/events", "/tf", "/roomba-1/commands"):
         assert topics.count(topic) == whole_topics.count(topic)
+
+
+def test_the_next_run_repairs_the_records_of_killed_runs_and_of_no_others(run: Path, tmp_path: Path) -> None:
+    runs = tmp_path / "runs"
+    half = (run / "run.mcap").read_bytes()[:-2000]
+    for name in ("killed", "under-way", "damaged"):
+        shutil.copytree(run, runs / name)
+        (runs / name / "run.mcap").write_bytes(half if name != "damaged" else b"no record at all, but long enough")
+        (runs / name / "summary.json").unlink()
+    with hold_record(runs / "under-way"):
+        with pytest.raises(ScenarioError, match="is under way: another process writes its record"):
+            repair_record(runs / "under-way")
+        scenario = tmp_path / "log.yaml"
+        scenario.write_text(
+            "version: 1\nname: log\nroles: {all: {}}\nsteps: [{on: all, do: [{log: done}]}]\n", encoding="utf-8"
+        )
+        done = CliRunner().invoke(app, ["run", str(scenario), "--fleet", "sim", "--runs-dir", str(runs)])
+    assert done.exit_code == 0, done.output
+    assert (runs / "under-way" / "run.mcap").read_bytes() == half
+    assert RunFolder.open(runs / "killed").record.is_complete
+    with (runs / "killed" / "run.mcap").open("rb") as stream:
+        assert list(make_reader(stream).iter_messages())
 
 
 def test_sampling_does_not_change_the_paths(tmp_path: Path, run: Path) -> None:

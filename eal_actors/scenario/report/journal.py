@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Final
 
@@ -122,6 +123,35 @@ def _lock(stream: IO[str], directory: Path) -> None:
         raise ScenarioError(f"the run in {directory} is under way: another process writes its record") from None
     except OSError:  # a file system without locks
         get_logger().debug("the record cannot be locked", directory=str(directory))
+
+
+@contextmanager
+def hold_record(directory: Path) -> Iterator[None]:
+    """Hold the record of a run that has ended or was interrupted, as its journal does while it is under way.
+
+    Raises:
+        ScenarioError: the run is under way.
+        OSError: the record cannot be opened.
+    """
+    with (directory / EVENTS).open("r+", encoding="utf-8") as stream:
+        _lock(stream, directory)
+        yield
+
+
+def is_under_way(directory: Path) -> bool:
+    """Return whether a process writes the record of a run.
+
+    Raises:
+        OSError: the record cannot be opened.
+    """
+    with (directory / EVENTS).open("r+", encoding="utf-8") as stream:
+        try:
+            posix.lock(stream)
+        except BlockingIOError:
+            return True
+        except OSError:  # a file system without locks
+            pass
+    return False
 
 
 def cut_half_line(path: Path) -> None:
