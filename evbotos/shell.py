@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import ctypes
 import errno
 import os
 import signal
 import subprocess
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
@@ -15,14 +15,31 @@ from evbotos.errors import RESUME, BuildError, DiskFullError
 
 _SHOWN_LINES: Final = 12
 _TIMEOUT_S: Final = 3600.0
-_SET_PARENT_DEATH_SIGNAL: Final = 1
-"""`PR_SET_PDEATHSIG` of Linux's prctl."""
-_LIBC: Final = ctypes.CDLL(None)
 
 
-def _die_with_parent() -> None:
-    """Let the kernel kill this process when the builder dies, so that no writer survives a killed build."""
-    _LIBC.prctl(_SET_PARENT_DEATH_SIGNAL, signal.SIGKILL)
+@contextmanager
+def _guarded() -> Iterator[Callable[[], None]]:
+    """Return what a program must call before it starts; at the end of the `with` block its whole group is killed.
+
+    The programs that make starts would go on without it, and a resumed build would compile in the same folder as they.
+    The kernel's signal at a parent's death reaches only the first of them. So a process of the group waits for the end
+    of a pipe, which comes when the block ends, and also when the builder is killed.
+    """
+    alive, end = os.pipe()
+
+    def start() -> None:
+        os.setsid()
+        if os.fork() == 0:
+            os.dup2(alive, 0)
+            os.closerange(1, os.sysconf("SC_OPEN_MAX"))
+            os.read(0, 1)
+            os.killpg(0, signal.SIGKILL)
+
+    try:
+        yield start
+    finally:
+        os.close(end)
+        os.close(alive)
 
 
 def run(
@@ -61,16 +78,17 @@ def run_binary(
     name = Path(argv[0]).name
     where = {**os.environ, "LC_ALL": "C", "TZ": "UTC", **(env or {})}
     try:
-        done = subprocess.run(  # noqa: S603  # programs and arguments are the builder's own
-            [str(part) for part in argv],
-            cwd=cwd,
-            env=where,
-            input=data if data is not None else b"",
-            capture_output=True,
-            preexec_fn=_die_with_parent,
-            timeout=timeout_s,
-            check=False,
-        )
+        with _guarded() as start:
+            done = subprocess.run(  # noqa: S603  # programs and arguments are the builder's own
+                [str(part) for part in argv],
+                cwd=cwd,
+                env=where,
+                input=data if data is not None else b"",
+                capture_output=True,
+                preexec_fn=start,
+                timeout=timeout_s,
+                check=False,
+            )
     except FileNotFoundError:
         raise BuildError(f"{name} is not installed") from None
     except subprocess.TimeoutExpired:

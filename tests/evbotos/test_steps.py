@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import select
 import shutil
 import subprocess
 import sys
@@ -87,6 +88,19 @@ def test_a_killed_build_leaves_nothing_that_counts(tmp_path: Path) -> None:
         assert not any((tmp_path / "one").iterdir())
         outcome = Runner(tmp_path, lambda _: None).run(Step("one", "key", lambda out: write(out, "whole")))
     assert outcome.read_text() == "whole"
+
+
+def test_what_a_program_has_started_ends_with_a_killed_build(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "alive")
+    inner = f"exec 3>{tmp_path}/alive; echo started >&3; exec sleep 1000"
+    program = f"from evbotos.shell import run\nrun(['sh', '-c', 'sh -c \"{inner}\" & wait'])\n"
+    builder = subprocess.Popen([sys.executable, "-c", program])
+    with (tmp_path / "alive").open("rb", buffering=0) as alive:
+        assert alive.readline() == b"started\n"
+        builder.kill()
+        builder.wait()
+        assert select.select([alive], [], [], 60)[0], "the started program runs on"
+        assert alive.read() == b""
 
 
 def test_two_builds_do_not_share_a_cache(tmp_path: Path) -> None:
