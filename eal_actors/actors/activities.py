@@ -88,7 +88,6 @@ class _ActivityRun:
 
     Attributes:
         convert: makes the answer of the activity's result.
-        deadline_s: the call's deadline.
     """
 
     activity: Activity
@@ -104,10 +103,6 @@ class ActivityActor(EALActor):
 
     At most one activity is a motion, which a newer one replaces. Any other call that takes time, such as a `get_value`
     or a `read_comm`, is an exchange: it disturbs no other activity, and any number of them run side by side.
-
-    Args:
-        cell: the slot through which calls arrive.
-        capacity: the most calls that may wait.
 
     Thread: the actor's own, except where a method says otherwise.
     """

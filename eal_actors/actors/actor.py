@@ -67,7 +67,6 @@ class Inbox:
     `put` never blocks: a full lane raises BusyError at once.
 
     Args:
-        clock: the clock of its timers.
         capacity: the most envelopes that may wait in a lane.
     """
 
@@ -249,8 +248,6 @@ class EALActor(pykka.ThreadingActor):
     the process when a message raises SystemExit; ours reports a crash of this one actor to `on_crash`.
 
     Args:
-        name: the thread's name.
-        clock: the clock of its timers.
         capacity: the most calls that may wait in its mailbox.
     """
 

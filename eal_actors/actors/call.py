@@ -68,8 +68,6 @@ class Call(Future[T]):
     Args:
         cell: the slot of the resource that is called.
         method: one of the nine methods, or `halt`.
-        arguments: the method's arguments.
-        timeout_s: seconds until the deadline.
     """
 
     reply_to = None
@@ -253,7 +251,6 @@ class ResourceCell:
         info: the resource's latest information about itself; None before its first start.
         error: the error of calls while there is no actor.
         link: the link that calls pass; a faultless one of its own if None is given.
-        latch: the robot's emergency stop.
         owes_halt: whether a halt was accepted while the device was absent, and is still to be carried out.
         serve_now: runs a call in the caller's thread and returns True, if its actor is idle; None if the resource must
             have its own thread, or is in another process.

@@ -28,7 +28,6 @@ class StreamSpec:
 
     Attributes:
         rate_hz: values in a second of the fleet's clock, at most.
-        encoding: the encoding of frames.
 
     Raises:
         ArgumentError: the rate is not over 0 and up to MAX_RATE_HZ, or the encoding is unknown.

@@ -38,10 +38,8 @@ class RobotHandle(RobotParts, Mapping[str, ResourceHandle]):
     """One robot of a fleet: its resources by name, and its usual parts as typed handles.
 
     Attributes:
-        name: the robot's name.
         type: its type's name in the fleet file, or None.
         types: its type and the types that it builds on.
-        tags: its tags.
         starts: how often the fleet has started its connection; a reload may start it anew.
     """
 

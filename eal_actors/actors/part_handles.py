@@ -30,11 +30,7 @@ MOTION_TIMEOUT_S: Final = 120.0
 
 
 class PartHandle:
-    """A part of a robot.
-
-    Attributes:
-        resource: its resource.
-    """
+    """A part of a robot."""
 
     __slots__ = ("resource",)
 

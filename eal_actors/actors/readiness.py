@@ -20,10 +20,6 @@ READINESS_PERIOD_S: Final = 0.5
 class ReadinessActor(ActivityActor):
     """The owner of one resource, as far as the readiness of its device goes.
 
-    Args:
-        cell: the slot through which calls arrive.
-        capacity: the most calls that may wait.
-
     Thread: the actor's own.
     """
 

@@ -73,7 +73,6 @@ class ResourceCallbacks:
     """The callbacks by which a resource's actor reports to its robot's. They run in its thread and must not block.
 
     Attributes:
-        up: the resource is open and serves calls.
         ready: its device can be used (None), or cannot for a reason.
         down: the resource has ended: crashed with an error, or normally with None.
         watch: check at that time whether the actor is stuck in its current step.
@@ -86,14 +85,7 @@ class ResourceCallbacks:
 
 
 class ResourceActor(ReadinessActor):
-    """Owns one resource: every access to it happens in this actor's thread.
-
-    Args:
-        cell: the slot through which calls arrive.
-        factory: makes and destroys the resource.
-        callbacks: report to the robot's actor.
-        capacity: the most calls that may wait.
-    """
+    """Owns one resource: every access to it happens in this actor's thread."""
 
     def __init__(
         self, cell: ResourceCell, factory: ResourceFactory, callbacks: ResourceCallbacks, capacity: int

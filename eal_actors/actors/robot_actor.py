@@ -38,14 +38,9 @@ class RobotSpec:
     """The specification of a robot.
 
     Attributes:
-        name: the robot's name.
-        clock: the fleet's clock.
         open_plugins: connects the robot's plugins; runs in the robot's thread and may take long.
         timeout_s: the default deadline of a call, and the time a resource may take to start.
-        mailbox: the capacity of each mailbox.
-        restart: when resources are restarted.
         max_restarts: restarts allowed within the window, for all resources together.
-        restart_window_s: the window in seconds.
         link: the link that calls to its resources pass; a faultless one if None.
     """
 
@@ -72,10 +67,6 @@ class RobotActor(EALActor, RobotConnection):
 
     Too many restarts within the window stop the whole robot safely and mark it failed: a robot whose motor driver
     keeps crashing must not continue.
-
-    Args:
-        spec: the robot.
-        view: the state to publish.
     """
 
     is_remote = False

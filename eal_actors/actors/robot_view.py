@@ -63,7 +63,6 @@ class RunningCommand:
     """A command that a robot executes at present.
 
     Attributes:
-        resource: the resource that executes it.
         command: its text, or the method where that is not `send_cmd`.
         by: the name of the process that sent it.
         since_s: when it began, by the fleet's clock.
@@ -91,7 +90,6 @@ class MailboxLoad:
     """The calls that wait in a mailbox.
 
     Attributes:
-        count: how many.
         oldest_s: seconds of the fleet's clock since the oldest of them was made; 0 if none waits.
     """
 
@@ -121,7 +119,6 @@ class Ping:
     Attributes:
         state: the robot's own view of its state.
         release: the release of the framework that runs it.
-        resources: how many resources it has.
         stopped: the reason of an emergency stop that holds it; None if none does.
         holders: the names of the controllers that hold resources, by the resources' names.
         holder_ids: of these, the resources that this process holds, with its RobotHandle.controller_id.
@@ -154,16 +151,11 @@ class Ping:
 class RobotView:
     """The state of a robot, readable by any thread and written by its actor alone.
 
-    Args:
-        name: the robot's name.
-        clock: the fleet's clock.
-
     Attributes:
         cells: its resources' slots by name, in the order of its plugins.
         problems: the errors of plugins that did not connect, or of the robot's failure.
         restarts: how often each resource was restarted.
         not_ready: why resources are not ready, by their names; the resources' actors write it too.
-        latch: its emergency stop.
         controller_id: the id by which a robot of another process knows this one; None for a robot of this process.
         started: done when every resource is up, or the robot has failed.
         stopped: done when everything has ended.
@@ -245,10 +237,7 @@ class StateFuture(Future[RobotState]):
     """Done when a robot is in a state. It fails at the deadline, or as soon as the robot can never reach the state.
 
     Args:
-        view: the robot.
-        state: the state.
         timeout_s: seconds of the fleet's clock.
-        timekeeper: runs the deadline's timer.
     """
 
     def __init__(self, view: RobotView, state: RobotState, timeout_s: float, timekeeper: Timekeeper) -> None:
@@ -282,7 +271,6 @@ class RobotConnection(Protocol):
     """The actor behind a robot: one that runs it in this process, or one that reaches it over a network.
 
     Attributes:
-        clock: the fleet's clock.
         is_remote: whether the robot is in another process.
         actor_inbox: runs the timers of deadlines, by the fleet's clock.
 

@@ -49,8 +49,6 @@ class Stream(Iterator[EALData]):
     once the robot is back. The resource and its robot serve a stream until it is closed.
 
     Args:
-        cell: the slot of the resource.
-        spec: the rate and encoding.
         timeout_s: seconds of the fleet's clock that `next` waits at most.
 
     Raises:
@@ -196,11 +194,6 @@ class PolledFeed:
 
     The polls keep to a grid of whole periods from the first one. If an answer takes longer than a period, the polls of
     the meantime are skipped, so that a slow resource is never overloaded.
-
-    Args:
-        cell: the slot of the resource.
-        spec: the rate and encoding.
-        sink: receives the values.
 
     Thread: the timekeeper's and the resource's.
     """

@@ -40,9 +40,7 @@ class RestartIntensity:
     """One-for-one supervision: at most `max_restarts` restarts within `window_s` for all children together.
 
     Attributes:
-        max_restarts: restarts allowed within the window.
         window_s: the window's length in seconds.
-        back_off: the delays between restarts.
     """
 
     max_restarts: int = 3

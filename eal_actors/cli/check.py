@@ -36,7 +36,6 @@ class FileCheck:
 
     Attributes:
         kind: `fleet`, `scenario`, `world` or `plugin`; `unknown` if its content matches none of them.
-        summary: a short description of a valid file.
         warnings: problems that depend on this machine, such as a missing module of a plugin.
     """
 

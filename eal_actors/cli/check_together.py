@@ -21,7 +21,6 @@ class TogetherCheck:
 
     Attributes:
         problems: what the fleet cannot do, each with its position in the scenario.
-        warnings: why something was not checked.
         summary: that all was checked and fits; empty otherwise.
     """
 

@@ -43,12 +43,10 @@ class LabDevice:
     """A device of a robot that a fleet file takes from unset variables.
 
     Attributes:
-        robot: the robot's name.
         plugin: the manifest of the plugin that drives it.
         variables: the unset variables, by the settings that take their values from them.
         settings: all settings of the plugin, or of its part.
         part: the part of the plugin to which it belongs, such as `ceiling` for `cameras.ceiling`; empty if none.
-        is_in_world: whether `lab_world` emulates it.
     """
 
     robot: str
@@ -145,7 +143,6 @@ class EmulatorProcesses:
     receive its last stop. They end with this process, however it ends.
 
     Args:
-        devices: the devices to emulate.
         fleet: the file of the fleet, for its world.
 
     Attributes:

@@ -28,7 +28,6 @@ class _PingResults:
     Attributes:
         address: None for a robot that runs in its controller's process.
         error: why the last ping had no answer; None if it had one.
-        problems: problems that the robot reports.
     """
 
     name: str

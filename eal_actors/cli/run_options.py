@@ -91,9 +91,7 @@ class RunOptions:
     Attributes:
         scenario: None for that of the resumed run; so is `fleet`.
         settings: `name=value` for each parameter.
-        bindings: `role=robot,robot` for each role.
         rate: a number or `max`.
-        resume: the folder of the run to continue.
     """
 
     scenario: Path | None

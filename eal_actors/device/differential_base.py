@@ -94,7 +94,6 @@ class Drivetrain:
         speed_m_s: default speed.
         max_speed_m_s: greatest speed, of each wheel too.
         turn_rate_deg_s: default turn rate.
-        max_turn_rate_deg_s: greatest turn rate.
         acceleration_m_s2: of each wheel, in motions to a place.
         radius_m: of the smallest disc about the robot's centre that it fits in.
     """
@@ -150,7 +149,6 @@ class DifferentialBase(MapMotions):
     robot calibrates its own wheels; and `clearance_m`, if it has sensors for it.
 
     Args:
-        drivetrain: the robot's drivetrain.
         context: the plugin's, whose localizer guides motions to a place; without it they are not supported.
     """
 

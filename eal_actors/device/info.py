@@ -169,7 +169,6 @@ class ConfigInfo:
     """One configuration key.
 
     Attributes:
-        name: the key.
         value: its type, unit and range.
         writable: whether set_config accepts it.
         description: one line for people.
@@ -191,9 +190,6 @@ class ResourceInfo:
     """The information of a resource about itself (Source: thesis §4.2.1, EALResourceInfo_t).
 
     Attributes:
-        name: the resource's name on its robot.
-        types: the types it combines.
-        methods: which of METHODS it supports.
         value: the value of get_value and set_value, if the author declared it.
         commands: the commands of send_cmd; empty with send_cmd supported means free text.
         requests: the requests of send_req; likewise.

@@ -14,12 +14,7 @@ class FaultyLink:
     Lost calls are not refused: they reach no resource, and their callers wait until their deadlines, as with a robot
     out of reach. The losses depend on the fleet's seed, the robot's name and the calls alone.
 
-    Args:
-        robot: the robot's name.
-        seed: the fleet's seed.
-
     Attributes:
-        is_faulty: whether the link has any fault.
         spared: resources beside the robot, such as ground truth: their calls always arrive.
         lost: how many calls were lost.
 

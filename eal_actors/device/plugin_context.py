@@ -95,7 +95,6 @@ class FleetServices:
     """The shared objects of one fleet's plugins: its clock, its world, and single objects such as a simulation.
 
     Args:
-        clock: the fleet's clock.
         seed: the fleet's seed; every random generator of a plugin must derive from it.
         world: the fleet file's world, or None.
         open_port: opens simulated ports; None if there are none.

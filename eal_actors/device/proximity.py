@@ -31,7 +31,6 @@ class Contact(NamedTuple):
 
     Attributes:
         time_s: seconds of the fleet's clock.
-        robot: the robot's name.
         other: the other robot's name, or what the robot touches.
     """
 

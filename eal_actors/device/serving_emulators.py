@@ -48,7 +48,6 @@ class PacedEmulator:
     """An emulator at a line with a baud rate. Thread: its wire's.
 
     Args:
-        emulator: the served one.
         baud_rate: of the line; None for no delay.
     """
 

@@ -53,12 +53,7 @@ class OdometryReading(Protocol):
 
 
 class VelocityBase(DifferentialBase):
-    """Drives a robot by velocities; get_status: 0 stands, 1 moves.
-
-    Args:
-        drivetrain: of the robot.
-        context: of the plugin.
-    """
+    """Drives a robot by velocities; get_status: 0 stands, 1 moves."""
 
     def __init__(self, drivetrain: Drivetrain, context: PluginContext) -> None:
         super().__init__(drivetrain, context)

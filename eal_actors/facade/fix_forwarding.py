@@ -34,9 +34,6 @@ _FIXES: Final = ValueInfo(DataType.DOUBLE, shape=(None, _ROW))
 class FixForwarder:
     """Forwards fixes while a fleet is open.
 
-    Args:
-        clock: the fleet's clock.
-
     Thread: one at a time.
     """
 

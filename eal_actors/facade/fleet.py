@@ -49,7 +49,6 @@ class Fleet(FleetCalls):
     Any number of threads and controllers may use a fleet at the same time.
 
     Args:
-        config: the fleet's configuration.
         clock: the fleet's clock; made from the file's rate if None.
     """
 

@@ -20,11 +20,7 @@ R = TypeVar("R")
 
 
 class FleetCalls(TravellingRobots, Mapping[str, RobotHandle]):
-    """The calls of a fleet that concern many robots.
-
-    Attributes:
-        clock: the fleet's clock.
-    """
+    """The calls of a fleet that concern many robots."""
 
     clock: Clock
 

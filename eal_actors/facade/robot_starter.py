@@ -24,12 +24,7 @@ from eal_actors.wire.rpc.client.remote_robot import RemoteRobot, RemoteSpec
 class RobotStarter:
     """Starts the robots of a fleet.
 
-    Args:
-        config: the fleet's configuration.
-        clock: the fleet's clock.
-
     Attributes:
-        config: the fleet's configuration.
         services: the objects that the plugins share.
 
     Thread: one at a time.

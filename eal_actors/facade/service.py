@@ -31,8 +31,6 @@ class RobotService:
     """A robot that runs in this process and serves its resources on the network, for a `with` block.
 
     Args:
-        config: the fleet.
-        robot: the robot's name.
         shared: a connected fleet of this process that has the robot, and that is not closed here; None for a fleet of
             the robot alone. See `serve_together`.
 
@@ -203,10 +201,6 @@ class RobotService:
 @contextmanager
 def serve_together(config: FleetConfig, robots: Sequence[str]) -> Iterator[tuple[RobotService, ...]]:
     """Serve robots that share this process, such as all robots and trackers of one simulated world.
-
-    Args:
-        config: the fleet.
-        robots: the robots' names.
 
     Raises:
         EALError: as for RobotService.

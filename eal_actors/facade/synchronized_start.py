@@ -27,9 +27,6 @@ class CommandBegin:
     """The begin of one command.
 
     Attributes:
-        robot: the robot's name.
-        resource: the resource's name.
-        command: the command's text.
         began_s: the time of this process's fleet clock; None if the command did not begin, or its begin is unknown.
         error_s: the maximum error of `began_s` in seconds; 0 for a robot of this process.
     """
@@ -104,9 +101,6 @@ def send_synchronized(
 
 class DelayMeter:
     """Measures the longest delay to some robots by pings; the caller waits for them.
-
-    Args:
-        robots: the robots.
 
     Attributes:
         longest_s: the longest round trip so far, in real seconds, with the maximum error of the clock offset.

@@ -67,7 +67,6 @@ class TaskGroup:
         print([square.get() for square in squares])
 
     Args:
-        clock: the fleet's clock.
         timeout_s: seconds of the clock that leaving the block waits for the tasks; None for no limit.
     """
 

@@ -61,7 +61,6 @@ class _Wait(Timer):
     """One thread's wait: for a waiter, for a time, or only for the turn.
 
     Attributes:
-        thread: the waiting thread.
         waiter: the lock it waits on; None where it only waits for the turn.
         go: held until the thread has the turn.
         was_released: True if the waiter was released, False if the time passed.

@@ -122,11 +122,7 @@ def _attribute_docs(node: ast.ClassDef) -> dict[str, str]:
 
 
 class DeferredType:
-    """An annotation whose type is found when a model with it is built, after modules that import that model.
-
-    Args:
-        find: returns the type.
-    """
+    """An annotation whose type is found when a model with it is built, after modules that import that model."""
 
     def __init__(self, find: Callable[[], object]) -> None:
         self.find = find

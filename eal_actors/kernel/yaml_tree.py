@@ -123,7 +123,6 @@ class YamlTree:
     """A mapping read from YAML: a whole file or a part of one.
 
     Attributes:
-        root: the mapping.
         prefix: path of `root` in its file; paths in problems start with it.
     """
 

@@ -119,7 +119,6 @@ class _FleetFileReader:
     """Reads a fleet file merged over the files it includes, and checks each file by itself.
 
     Attributes:
-        problems: the problems found.
         sound: every file was found and every section is a mapping, so a missing key is really missing.
         environment: values of `${NAME}`.
     """

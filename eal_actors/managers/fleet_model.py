@@ -233,18 +233,15 @@ class RobotConfig:
     Attributes:
         name: unique in the fleet.
         types: its type, the type that builds on, and so on.
-        tags: words to select it by.
         timeout_s: deadline of a call that gives none, in seconds of the fleet's clock.
         mailbox: how many calls may wait in an actor's mailbox.
         restart: `permanent`, `transient` (after a crash only) or `temporary` (never).
-        max_restarts: restarts that are allowed within the window.
         restart_window_s: the window, in seconds of the fleet's clock.
         plugins: by name of the instance; may be empty for a robot with an address, whose server has them.
         address: endpoint at which controllers reach it, `router` if it dials out to the routers, or None if it runs
             in the controller's process.
         listen: endpoint at which it listens, or None if that is its address.
         exclusive: names of the resources that one controller at a time may command; None for every actuator.
-        pose: where its pose estimate comes from.
     """
 
     name: str

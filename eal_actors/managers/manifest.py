@@ -150,7 +150,6 @@ class PluginManifest:
     """A discovered plugin.
 
     Attributes:
-        file: the content of its `plugin.yaml`.
         others: the plugins that were discovered with it, by name; those that it uses are looked up here.
     """
 

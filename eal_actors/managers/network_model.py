@@ -217,7 +217,6 @@ class NetworkConfig:
         lease_s: silence after which the other end of a connection counts as lost, in real seconds.
         lost_after_s: real seconds from the loss of a robot until its step of a scenario fails; `lease_s` if None.
         dead_man_s: silence of the controller after which a robot halts what it moves, in real seconds.
-        compression: whether all traffic is compressed.
         discovery: whether robots and routers answer a discovery by multicast.
         security: keys and roles, or None for an open network.
         shared_memory: whether large values reach controllers on the same machine in shared memory.

@@ -150,7 +150,6 @@ class EALPluginManager:
         plugin_dirs: folders of plugin folders, searched before the bundled plugins and the installed packages.
 
     Attributes:
-        manifests: the plugins found, by name.
         errors: the errors of plugins that could not be read.
     """
 

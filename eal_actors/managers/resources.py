@@ -26,9 +26,6 @@ class EALResourceManager(Generic[T]):
 
     A resource gets its id at the first look-up, so ids differ between connections (§4.4).
 
-    Args:
-        resources: the objects by name.
-
     Attributes:
         get: returns the object of an id from `find`, in every call, so without a frame of Python; an id that no
             resource has in this connection raises ResourceNotFoundError.

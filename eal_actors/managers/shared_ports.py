@@ -17,10 +17,6 @@ def shared_ports(robots: Iterable[RobotConfig], manifests: Mapping[str, PluginMa
     """Yield a problem for each setting that names a device of another robot, or of another plugin of the robot.
 
     Devices are those that the plugins' manifests declare. Two names of one device count as one, if it is plugged in.
-
-    Args:
-        robots: the robots.
-        manifests: the plugins' manifests, by name.
     """
     owners: dict[tuple[str, str], str] = {}
     for robot in robots:

@@ -58,7 +58,6 @@ class PathDeviation:
     """The distance between the paths of a robot in two runs.
 
     Attributes:
-        robot: its name.
         most_m: the largest distance at the same time.
         most_s: when that was, in seconds since the start.
         end_m: the distance of their ends.

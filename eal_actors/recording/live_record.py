@@ -52,7 +52,6 @@ class LiveRecord:
     Args:
         fleet: the connected fleet, on a clock in real time.
         directory: the folder, which must exist.
-        extent: the extent of the samples.
         listeners: called with each event, in the thread of a robot; they must not block.
 
     Raises:

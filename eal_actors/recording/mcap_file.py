@@ -64,9 +64,7 @@ class McapFile:
         start: when the run starts; None for 1970, or for the start of the first file that is copied.
 
     Attributes:
-        counts: the number of messages of each topic.
         newest_s: the time of the newest message of each topic, in seconds since the run's start.
-        attached: the JSON documents by name.
 
     Raises:
         UnsupportedError: the library is not installed.
@@ -273,9 +271,6 @@ class RecordedMessage:
 
     Attributes:
         time_s: seconds since the run's start.
-        topic: its topic.
-        schema: the name of its schema.
-        message: its content.
     """
 
     time_s: float
@@ -290,7 +285,6 @@ class McapContent:
 
     Attributes:
         messages: its messages, in the order of the file.
-        attachments: its JSON documents by name.
         metadata: its texts by name and key.
         schemas: the JSON Schemas of its messages by name.
         is_complete: False if the end is missing, as after a crash of the controller.

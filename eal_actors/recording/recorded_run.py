@@ -36,11 +36,7 @@ class RecordedCall(NamedTuple):
 
 @dataclass(frozen=True)
 class RecordedRun:
-    """The values and calls of a record, by robot and resource.
-
-    Attributes:
-        content: the content of the file.
-    """
+    """The values and calls of a record, by robot and resource."""
 
     content: McapContent
 

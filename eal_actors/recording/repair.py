@@ -36,9 +36,6 @@ _ROUNDING_S: Final = 0.0005
 def repair_record(directory: Path) -> float:
     """Repair the record of an interrupted run: nothing that reached the disk is lost.
 
-    Args:
-        directory: the run's folder.
-
     Returns:
         The time at which the run is to be resumed, just after the last entry, in seconds since its start.
 

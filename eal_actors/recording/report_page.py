@@ -41,9 +41,6 @@ class Latency:
     Attributes:
         label: resource and command.
         count: number of calls, the failed ones included.
-        median_s: median.
-        p99_s: 99th percentile.
-        longest_s: maximum.
         failures: number of calls that were not done.
     """
 

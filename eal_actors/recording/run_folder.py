@@ -54,11 +54,7 @@ def folder_errors(directory: Path) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class RunFolder:
-    """The files of a run. Each property raises ScenarioError if its file is broken.
-
-    Attributes:
-        path: the folder.
-    """
+    """The files of a run. Each property raises ScenarioError if its file is broken."""
 
     path: Path
 

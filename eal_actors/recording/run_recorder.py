@@ -93,7 +93,6 @@ class RunRecorder:
         robots: the names of the robots that take part.
         directory: the run's folder, which must exist. The record of an interrupted run is appended to; call
             `repair_record` first. Without the mcap library, which is logged, there is no `run.mcap`.
-        extent: the extent of the samples.
         past: the record of a past that is repeated; poses only.
 
     Raises:

@@ -37,8 +37,6 @@ class Sampler:
     A resource that has not answered when it is due again is skipped until it has: sampling never delays a run.
 
     Args:
-        clock: the fleet's clock.
-        specs: what to sample.
         sink: receives each value, with a time that is not in the future. If it raises, the resource is no longer
             sampled. Thread: the sampler's own.
         from_s: nothing is sampled before this time of the clock; the times of the samples are the same.

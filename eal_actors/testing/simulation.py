@@ -52,7 +52,6 @@ class Simulation:
         world: name of a bundled world, such as "lab"; or a world file, a WorldModel, or the content of a world file.
             None is the fleet file's world, or "empty" without a fleet file.
         seed: seed of all randomness; None is the fleet file's seed, or 0.
-        plugin_dirs: additional folders of plugins.
 
     Raises:
         ConfigError: the robots or the world are wrong; names every problem.

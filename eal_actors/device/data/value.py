@@ -65,7 +65,6 @@ class EALData:
     bytes are: a NaN equals itself, 0.0 differs from -0.0. Not hashable, because it may hold a numpy array.
 
     Args:
-        type: the base type.
         value: int, float, bool, str, bytes, a list or tuple of numbers, or a numpy array; None for VOID alone. The
             framework reads an array in place: the caller must not change it afterwards.
         length: bytes, as `sizeof` counts them; None for what the value needs. Over what it needs only for text.

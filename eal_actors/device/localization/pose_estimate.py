@@ -46,12 +46,9 @@ class PoseEstimate:
     """The pose of a robot with its uncertainty.
 
     Attributes:
-        x_m: position in the frame.
-        y_m: position in the frame.
         yaw_rad: counter-clockwise from the frame's x axis, in (-pi, pi].
         covariance: of x, y and yaw, in m², m·rad and rad², row by row.
         stamp_s: when the robot was there, in seconds of the fleet's clock.
-        frame_id: the frame.
     """
 
     x_m: float

@@ -38,7 +38,6 @@ class FilterState:
 
     Attributes:
         mean: x_m, y_m, yaw_rad (unwrapped), error of scale, turn per metre in rad/m, error of turns.
-        covariance: of the mean.
     """
 
     mean: tuple[float, float, float, float, float, float]

@@ -56,9 +56,6 @@ class PoseHistory:
 
     Args:
         begin: returns the state at the first odometry of all.
-
-    Attributes:
-        noise: the errors of the odometry.
     """
 
     def __init__(self, begin: Callable[[], FilterState]) -> None:

@@ -25,12 +25,7 @@ _FIX: Final = CommandInfo(
 
 
 class PoseResource(Resource):
-    """The estimated x in m, y in m and yaw in rad, in (-pi, pi], counter-clockwise from the map's x axis.
-
-    Args:
-        localizer: of the robot.
-        clock: the fleet's clock.
-    """
+    """The estimated x in m, y in m and yaw in rad, in (-pi, pi], counter-clockwise from the map's x axis."""
 
     types = ResourceType.SENSOR
     value = ValueInfo(DataType.DOUBLE, shape=(3,), description="x_m, y_m, yaw_rad")

@@ -51,13 +51,10 @@ class MotionDevice:
     """The parts of a base that a closed-loop motion uses.
 
     Attributes:
-        clock: the fleet's clock.
         estimate: returns the estimated pose at a time.
         hold: drives at a twist until a time-out, see DifferentialBase.follow.
         clearance_m: returns the free distance ahead (True) or behind (False), see DifferentialBase.clearance_m.
         is_held: whether the wheels are driven, but something holds the robot.
-        halt: stops at once.
-        report: reports the progress.
     """
 
     clock: Clock
@@ -70,11 +67,7 @@ class MotionDevice:
 
 
 class ProgressWatch:
-    """Finds that a robot does not come nearer to its goal.
-
-    Args:
-        now_s: the time at the start.
-    """
+    """Finds that a robot does not come nearer to its goal."""
 
     def __init__(self, now_s: float) -> None:
         self._nearer_s = now_s
@@ -118,9 +111,6 @@ class ProgressWatch:
 class HoldWatch:
     """Pauses a robot that is held: its wheels may spin, and its odometry counts that.
 
-    Args:
-        now_s: the time at the start.
-
     Attributes:
         gives_up: whether it was held again after each of some pauses.
     """
@@ -150,9 +140,6 @@ class ClosedLoop:
     """One motion of a base to the end of a route.
 
     Args:
-        device: the base.
-        controller: computes the twists.
-        limits: of the motion.
         most_m: greatest standard deviation of the position with which it drives.
     """
 

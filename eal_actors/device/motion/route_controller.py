@@ -85,10 +85,8 @@ class RouteController:
     Args:
         route: from the robot's place to the goal.
         yaw_rad: the heading at the goal; None for any.
-        limits: of the motion.
 
     Attributes:
-        is_at_goal: whether it stands at the goal.
         turn_left_rad: the angle to go while it turns in place; None while it drives.
     """
 

@@ -27,11 +27,6 @@ _AT_GOAL_M: Final = 0.05
 class Bystanders:
     """The robots that stand.
 
-    Args:
-        robots: the connected robots of the fleet.
-        positions: where they are.
-        clock: the fleet's clock.
-
     Thread: that of the traffic control.
     """
 

@@ -49,8 +49,6 @@ class TrafficControl:
     """Brings the robots of a fleet to their goals; see `Fleet.go_to`.
 
     Args:
-        robots: the connected robots of the fleet.
-        clock: the fleet's clock.
         floor: the map, not inflated; None for an open floor.
         seed: of choices between equal plans.
     """

@@ -29,9 +29,6 @@ class Leg:
     """The moves of one robot in a plan.
 
     Args:
-        trip: the robot's trip.
-        moves: its moves.
-        start: where it stands.
         notify: is called, in any thread, when the robot may have come farther.
 
     Attributes:
@@ -100,9 +97,6 @@ class Leg:
         """Send the moves that may begin, and at the goal the turn to its heading.
 
         A running command is replaced by a longer one when its last move has begun.
-
-        Args:
-            done: the legs of all robots.
         """
         if self.call is None and self._absent_since_s is not None and not self.is_due_again:
             return

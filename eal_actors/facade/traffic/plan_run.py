@@ -25,10 +25,7 @@ class PlanRun:
     """The robots of one plan on their ways.
 
     Args:
-        plan: the plan.
         trips: the trips of the plan's robots, by name.
-        starts: where they stand.
-        clock: the fleet's clock.
 
     Attributes:
         legs: the robots' moves, by name.

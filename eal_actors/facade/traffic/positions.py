@@ -31,9 +31,6 @@ _LOST: Final = (
 class RobotPositions:
     """The last known places of the robots of a fleet.
 
-    Args:
-        robots: the connected robots.
-
     Attributes:
         places: by the robot's name, where it is; of a robot that failed on its way, both ends of its last move.
         radii_m: the robots' radii, by name.

@@ -34,9 +34,6 @@ class Trip(Future[int]):
     """One robot's way to its goal; done on its arrival, with 1.
 
     Args:
-        robot: the robot.
-        goal: its goal.
-        clock: the fleet's clock.
         timeout_s: seconds of the clock until its deadline.
         give_up: stops the robot when the trip is cancelled or late.
 

@@ -42,7 +42,6 @@ class BranchRequest:
     """Another future of a run.
 
     Attributes:
-        run: the run's folder.
         at_s: when the futures part, in seconds since the run's start.
         without: faults that are absent from then on: `fault` or `robot.fault`, by their names in the fleet file.
         added: faults that begin then: `robot.fault` and their values.
@@ -63,8 +62,6 @@ class Branch:
     """A branch that has ended.
 
     Attributes:
-        directory: its folder.
-        report: its report.
         first: the first difference between the run and the branch; None if they are the same to the end.
     """
 

@@ -20,10 +20,7 @@ class RecordedInput:
     """The input of a run.
 
     Attributes:
-        folder: the run's folder.
-        report: its report.
         scenario: its scenario, with the values of the parameters.
-        config: its fleet.
         binding: its robots and spares by role.
     """
 

@@ -58,7 +58,6 @@ class ForeseenEvent:
 
     Attributes:
         kind: `contact`, `area` (the robot leaves the floor) or `battery`.
-        robot: the robot.
         other: the other robot or thing; None for a battery.
         in_s: seconds from now.
         movers: the robots of the two that move until then.

@@ -43,9 +43,7 @@ class ScriptStep:
 
     Attributes:
         path: its path in the scenario file.
-        start_s: when it started.
         begin_s: when it had waited for other robots.
-        end_s: when it ended.
         has_goal: it drives to a place in the map frame, which corrects deviations; other motions keep them.
     """
 

@@ -29,14 +29,7 @@ _LENS: Final = "lens"
 
 @dataclass(frozen=True, slots=True)
 class FleetCamera:
-    """A camera above the floor in a fleet file.
-
-    Attributes:
-        robot: the robot with the plugin.
-        instance: the instance name of the plugin.
-        name: the camera's name.
-        tree: the plugin's settings.
-    """
+    """A camera above the floor in a fleet file."""
 
     robot: str
     instance: str

@@ -44,7 +44,6 @@ class LensFit:
         centre_px: column and row of the axis.
         distortion: k1, k2, p1, p2, k3.
         error_px: root mean square distance of the corners from where the lens puts them.
-        focal_sd_px: standard deviation of the focal lengths.
         coverage: share of the picture in which there were corners.
     """
 

@@ -30,10 +30,8 @@ class Position:
     """A step of a robot, as the run without faults performed it.
 
     Attributes:
-        robot: the robot.
         step: path of the step in the scenario.
         number: how often the robot has performed it, this time included.
-        label: the step for people.
         resource: the resource that it calls; None if it may call any.
         at_s: when a fault in it happens, in seconds since the run's start.
     """

@@ -25,12 +25,7 @@ FAULTS = "faults"
 
 
 def fleet_content(config: FleetConfig, world: Path | None) -> dict[str, Any]:
-    """Return a fleet whose clock runs as fast as possible, without includes, defaults, and counts of robots.
-
-    Args:
-        config: a simulated fleet.
-        world: the file of its world.
-    """
+    """Return a fleet whose clock runs as fast as possible, without includes, defaults, and counts of robots."""
     types: dict[str, Any] = {}
     for robot in config.robots.values():
         for inner, base in zip_longest(robot.types, robot.types[1:]):

@@ -39,10 +39,8 @@ class Violation:
     """An invariant that a trial has violated.
 
     Attributes:
-        invariant: its name.
         robot: the robot; empty for the run.
         step: path of the step; empty for none in particular.
-        message: what happened.
     """
 
     invariant: str
@@ -56,10 +54,6 @@ class Trials:
     """A trial, and all that it is judged by.
 
     Attributes:
-        scenario: the scenario.
-        case: the faults.
-        healthy: the trial without faults.
-        trial: the trial.
         within_s: the run must end within this time of the fleet's clock; None for no such limit.
     """
 

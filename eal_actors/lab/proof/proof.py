@@ -58,11 +58,9 @@ class ProofRequest:
     Attributes:
         scenario: the scenario, with the values of its parameters.
         config: the fleet, as read from its file.
-        out: the folder of the proof.
         binding: robots by role, as the user bound them; None if the scenario binds them.
         keep: plugins that move nothing real, and are not replaced by simulated ones.
         runs: the largest number of cases.
-        jobs: number of processes.
         kinds: only these faults; empty for all.
         within_s: every run must end within this time of the fleet's clock; None for no such limit.
     """
@@ -83,12 +81,10 @@ class ProvenCase:
     """A case that was tried.
 
     Attributes:
-        case: its faults.
         outcome: `done`, `failed` or `aborted`; `refused` if the run did not start or was not resumed, `crashed` if its
             process died.
         duration_s: its time by the fleet's clock.
         problem: the error of the run, or why it was refused.
-        violations: what it violated.
     """
 
     case: FaultCase
@@ -108,7 +104,6 @@ class Finding:
     """Violations that belong together: of one invariant, by the same faults, in the same steps.
 
     Attributes:
-        invariant: the invariant.
         cases: the cases, the one to shrink first.
         least: the least case; None if it was not shrunk.
         folder: of its fleet file and its record; None if it was not shrunk.
@@ -146,7 +141,6 @@ class Proof:
         positions: the steps of the run without faults.
         planned: the number of all single faults.
         cases: the cases, in the order of the plan.
-        findings: the findings.
         unprovable: robots whose faults nobody can inject, and why.
         healthy: the report of the run without faults.
     """

@@ -24,8 +24,6 @@ class ShrinkTask:
 
     Attributes:
         content: the fleet without the faults.
-        case: the faults.
-        invariant: the violated invariant.
         within_s: as in `Trials`.
         folder: for the least fleet file, and the record of its run.
     """
@@ -43,8 +41,6 @@ class LeastCase:
 
     Attributes:
         content: the least fleet, without the faults.
-        case: the least faults.
-        violation: what still happens.
         trials: how many trials it took.
     """
 

@@ -75,8 +75,6 @@ class TrialWorker:
     """Performs trials; loads the scenario at the first one.
 
     Attributes:
-        scenario: its file.
-        parameters: the values of all its parameters.
         binding: robots by role, as the user bound them; None if the scenario binds them.
         source: the fleet's file.
         limit_s: a run is stopped after this time of the fleet's clock.

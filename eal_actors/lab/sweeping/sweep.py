@@ -29,7 +29,6 @@ class SweepJob:
     Attributes:
         name: name of its folder; the same values and seed have the same name in every sweep.
         varied: values of the varied parameters, by name.
-        parameters: values of all parameters, by name.
     """
 
     name: str
@@ -50,7 +49,6 @@ class Sweep:
     """A parameter sweep.
 
     Attributes:
-        fleet: the fleet, as read from its file.
         keep: plugins that move nothing real and are not replaced by simulated ones.
         seeds: the seeds; each combination runs once with each.
     """

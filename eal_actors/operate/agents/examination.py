@@ -95,7 +95,6 @@ class Rehearser:
     """Rehearses plans on simulated twins, one at a time.
 
     Args:
-        fleet_file: the fleet's file.
         limit_s: real seconds after which a rehearsal is ended.
 
     Thread: any; `rehearse` blocks its caller for at most `limit_s`.

@@ -41,9 +41,7 @@ class PlanGate:
     """Examines, keeps and runs the plans of agents on a connected fleet, one run at a time.
 
     Args:
-        fleet: the fleet.
         runs_dir: the folder of runs and plans.
-        policy: the plans that need no person.
         rehearsal_limit_s: real seconds for the rehearsals of a plan.
 
     Thread: any. `examine`, `submit` and `start` block on files and a rehearsal.

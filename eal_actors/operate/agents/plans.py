@@ -65,14 +65,7 @@ class StoredPlan(_Record):
 
     Attributes:
         hash: SHA-256 of its text, its parameters and the fleet, in hexadecimal.
-        name: of the scenario.
-        fleet: name of the fleet.
-        text: the scenario.
-        parameters: their values.
-        agent: the name that the agent gave itself.
         steps: the lines of the dry run.
-        rehearsal: the result of the rehearsal.
-        robots: the robots that take part.
     """
 
     hash: str

@@ -44,9 +44,7 @@ class AgentServer:
     """Serves one fleet to agents.
 
     Args:
-        gate: the way to move.
         audit: the log of all requests, which is open.
-        runs_dir: the folder of runs.
         place: where requests come from, for the audit log: `stdio` or `http`.
 
     Attributes:

@@ -79,7 +79,6 @@ class Access:
     admits nobody once it has none.
 
     Attributes:
-        host: the listening address.
         token: proof of permission to command; None for no token.
         operators: the operators of the fleet file, by name.
         names: the host names in the dashboard's certificate.

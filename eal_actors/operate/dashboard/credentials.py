@@ -29,8 +29,6 @@ class CredentialWatch:
     """Follows a dashboard's files.
 
     Args:
-        config: the fleet that the dashboard began with.
-        sign_in: gets the new operators.
         dismiss: ends the sessions of operators. Thread: the loop's.
         access: gets the host names of a new certificate.
         tls: gets a new certificate; None without HTTPS.

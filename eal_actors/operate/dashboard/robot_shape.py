@@ -20,9 +20,6 @@ _TURRET: Final = "Turret"
 class RobotShape:
     """Asks a robot for its radius and the view of its first camera. A question that is open is not asked again.
 
-    Args:
-        robot: the robot.
-
     Thread: the poller's; nothing waits.
     """
 

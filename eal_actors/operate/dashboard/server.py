@@ -41,7 +41,6 @@ class Dashboard:
 
     Args:
         fleet: a connected fleet. Its clock must follow real time: with `rate: max` there is nothing to watch.
-        access: the listening address and the access rules.
         port: the port; 0 for any free port.
         scenarios: the folder of scenarios that the page can start; None for none.
         runs_dir: the parent of the runs' folders, and the folder of the audit log; None keeps neither, and scenarios

@@ -30,7 +30,6 @@ class RequiredCertificate:
     """A certificate that this machine needs.
 
     Attributes:
-        name: the name of its owner.
         command: the command that renews it, such as `eal keys renew one`.
         host: the host that others connect to; None for a client.
     """

@@ -37,7 +37,6 @@ class NamedDevice:
     """A device that a fleet file names.
 
     Attributes:
-        robot: the robot whose plugin names it.
         path: such as `/dev/ttyUSB0`.
         kind: as its plugin declares it: `serial`, `camera` or `other`.
         usb: USB ids, `vendor:product`, that the plugin declares for it.
@@ -56,7 +55,6 @@ class DeviceFacts:
     """The system's information on the path of a device.
 
     Attributes:
-        exists: whether the path exists.
         is_device: whether it is a character device, as serial ports and cameras are.
         is_terminal: whether a terminal's driver has it, as every serial port's is; None if the system does not tell.
         usable: whether this process may read and write it.
@@ -73,12 +71,7 @@ class DeviceFacts:
 
 
 def named_devices(robots: Iterable[RobotConfig], manifests: Mapping[str, PluginManifest]) -> list[NamedDevice]:
-    """Return the devices that robots' plugins name, each once a robot.
-
-    Args:
-        robots: the robots.
-        manifests: the plugins' manifests, by name.
-    """
+    """Return the devices that robots' plugins name, each once a robot."""
     found: dict[NamedDevice, None] = {}
     for robot in robots:
         for plugin in robot.plugins.values():

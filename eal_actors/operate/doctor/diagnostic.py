@@ -20,9 +20,7 @@ class Diagnostic(NamedTuple):
     """The result of one check.
 
     Attributes:
-        level: the severity.
         area: the subject, such as `clock` or `devices`.
-        what: the finding.
         advice: the remedy; empty if none is needed.
     """
 

@@ -60,8 +60,6 @@ class LiveView:
     """Serves an open fleet between `with` and its end.
 
     Args:
-        fleet: the fleet.
-        host: the address to listen at.
         port: the port; 0 for any free one.
         allow_control: whether viewers may drive robots and set configuration keys; see ViewerControl.
 

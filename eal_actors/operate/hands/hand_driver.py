@@ -50,8 +50,6 @@ class HandDriver:
     Args:
         fleet: a connected fleet.
         robots: the robots; the group button chooses all of them or one after another.
-        settings: velocities and curve.
-        report: called with a line for people.
 
     Thread: `run` blocks its caller; the dead-man's switch has a thread of its own.
     """

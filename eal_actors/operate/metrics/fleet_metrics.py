@@ -30,7 +30,6 @@ class FleetMetrics:
 
     Args:
         robots: robots by name; the mapping may change.
-        clock: the fleet's clock.
         port: the port; 0 for any free port.
         dead_man_trips: halts because of a silent controller, by resource, of the one robot that is served.
 

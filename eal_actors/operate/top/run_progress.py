@@ -14,8 +14,6 @@ class RunProgress:
     """The progress of a run.
 
     Attributes:
-        scenario: the scenario's name.
-        fleet: the fleet's name.
         calls: the number of calls if nothing fails, as far as it was known at the start.
         done: the number of calls that have ended.
         failed: the number of steps that have failed.

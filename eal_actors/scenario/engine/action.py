@@ -17,8 +17,6 @@ class StepAction:
     """A step as one robot performs it, or no robot.
 
     Args:
-        run: the run.
-        context: the context of the step.
         label: the step in records, for people.
         work: performs the step once.
 

@@ -54,25 +54,15 @@ class RunContext:
     """The state of one run. Everything runs in the loop's thread.
 
     Args:
-        plan: the plan.
-        robots: the robots by name.
-        loop: the event loop.
-        fleet: the fleet.
         folder: the folder of saved answers; None only if none is saved.
-        emit: records an event.
-        fail: reports an error of the engine itself.
 
     Attributes:
-        records: the steps that are over.
-        starts: the synchronized starts that are over.
         losses: the robots that are out of reach; None without robots of other processes.
         failures: the errors of steps outside of `on` that ended the run.
         is_stopping: no step begins, and those under way are cancelled.
         is_short: a role has fewer robots than it needs, or no robot is left.
         slots: the slots of each role of the main scenario.
-        main: the main scenario.
         substitutes: for robots that did not start, the spare in their slot, and its role.
-        threads: those of Python steps.
         zero_s: the start of the run, by the fleet's clock.
         past: the steps of an interrupted block that were over; None if no run was interrupted, or it is repeated.
         keeps_files: whether the files outlive the run.

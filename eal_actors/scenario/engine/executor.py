@@ -162,7 +162,6 @@ class StepGroup:
     """Tasks that begin together, and that another task waits for.
 
     Args:
-        run: the run.
         context: the context of the step that begins them.
         until: `all`, `first` or a signal.
         timeout_s: their time limit; None for none.
@@ -248,11 +247,7 @@ class StepGroup:
 
 
 class _Execution:
-    """The execution of one step by one robot.
-
-    Attributes:
-        is_done: it has succeeded.
-    """
+    """The execution of one step by one robot."""
 
     def __init__(
         self,

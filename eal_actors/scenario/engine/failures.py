@@ -24,11 +24,8 @@ class StepFailure:
     """The failed attempts of one step by one robot, and what follows from them.
 
     Args:
-        step: the step.
-        path: its path.
         action: the step as the robot performs it.
         robot: the robot; None outside of `on`.
-        error: why the first attempt failed.
 
     Attributes:
         error: why the last attempt failed.

@@ -20,9 +20,7 @@ class Participant:
     """A robot in a run.
 
     Attributes:
-        handle: the robot.
         outcome: None while it takes part, or is in reserve.
-        error: why it failed or left.
         has_taken_part: it has ever filled a slot.
         pending: the futures that its steps wait for, each with the `lost_after_s` of its step.
         losses: when it was lost, and back.
@@ -74,10 +72,7 @@ class RoleSlot:
     """A slot of a role, which one robot at a time fills.
 
     Attributes:
-        role: the role.
         index: its number in the role, from 0.
-        count: the number of slots of the role.
-        robot: the robot in it.
         variables: its variables; they stay when another robot takes over.
         part_variables: its variables in scenarios that run as parts of the main one.
         past: the robots that were in it before.
@@ -107,12 +102,9 @@ class StepTask:
     Args:
         parent: the task that waits for it; None for the main one.
         slot: of the robot whose steps they are; None outside of `on`.
-        branch: the branch of a `parallel`.
-        meets: the meetings among its steps.
         repeats: the block that they are an attempt of, if a failure repeats it.
 
     Attributes:
-        children: the tasks that it waits for.
         pending: the futures that it waits for.
         touched: the resources of its robot that it, or a task inside it, has called.
         touches_all: it may have called any resource.
@@ -184,9 +176,7 @@ class Frame:
     """A scenario under way: the main one, or a part of another.
 
     Args:
-        scenario: the scenario.
         roles: its roles by the names of the main scenario.
-        parameters: the values of its parameters.
         prefix: path of the step that runs it.
         outer: the frame that it is part of; None for the main one.
         signals: its signals that are forwarded to the outer frame, by their names there.
@@ -228,8 +218,6 @@ class ExecutionContext:
     """The context in which a step is performed.
 
     Attributes:
-        task: the task of the step.
-        frame: the scenario of the step.
         slot: of the robot whose step it is; None outside of `on`.
         role: the slot's role by the frame's name for it.
         loops: the variables of the loops around it.

@@ -20,11 +20,7 @@ Coroutine: TypeAlias = Generator[Future[Any], None, None]
 
 
 class EventLoop:
-    """Runs actions and coroutines in the thread that calls `run`.
-
-    Args:
-        clock: the clock of its timers.
-    """
+    """Runs actions and coroutines in the thread that calls `run`."""
 
     def __init__(self, clock: Clock) -> None:
         self.clock = clock

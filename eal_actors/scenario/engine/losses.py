@@ -32,8 +32,6 @@ class Losses:
     Args:
         robots: the robots of other processes.
         lost_after_s: time out of reach after which a step fails, by the fleet's clock.
-        loop: the event loop.
-        emit: records an event.
         wait: waits for a future, until the run, the task or the robot is stopped.
     """
 

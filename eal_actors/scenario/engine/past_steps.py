@@ -33,7 +33,6 @@ class PastStep:
     """A step that was over.
 
     Attributes:
-        is_done: it has succeeded.
         variables: those that it assigned.
     """
 

@@ -23,12 +23,10 @@ class Plan:
     """A scenario that a fleet can run.
 
     Attributes:
-        scenario: the scenario.
         roles: the robots of each role, in the order of the fleet.
         robots: the robots of all roles, in the order of the fleet, spares included.
         lost: the errors of robots that did not start, by name; empty unless the scenario continues without them.
         calls: number of calls if nothing fails, as far as it is known, with those of `finally`.
-        spares: the robots in reserve for each role.
         python: the functions of its Python steps, by name.
     """
 

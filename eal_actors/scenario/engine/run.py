@@ -67,7 +67,6 @@ class Run:
 
     Args:
         plan: the plan, from `make_plan` for this fleet.
-        fleet: the connected fleet.
         directory: the run's folder: `summary.json`, `events.jsonl`, and a folder of saved answers for each robot.
             None keeps nothing.
         listeners: called with each event, in the run's own thread; they must not block.

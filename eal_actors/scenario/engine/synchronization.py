@@ -48,9 +48,6 @@ class Barriers:
 
     Every task that has a meeting among its steps is expected from its beginning to its end. While tasks inside it have
     the meeting too, they are expected in its place.
-
-    Args:
-        clock: the fleet's clock.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -113,11 +110,7 @@ class Barriers:
 class Signals:
     """The signals of a run: latched, counted, and with a value.
 
-    Args:
-        clock: the fleet's clock.
-
     Attributes:
-        counts: how often each was given.
         values: the last value of each.
     """
 
@@ -157,7 +150,6 @@ class PauseControl:
     """Decides whether steps may begin: pauses, and single steps.
 
     Args:
-        clock: the fleet's clock.
         emit: records an event, which it makes from the seconds since the run's start.
     """
 

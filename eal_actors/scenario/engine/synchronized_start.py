@@ -26,11 +26,6 @@ _PINGS: Final = 3
 class SynchronizedStart:
     """One start of several robots at the same time.
 
-    Args:
-        run: the run.
-        path: the step's path.
-        tasks: the tasks that met.
-
     Attributes:
         agreed: done when the time is agreed.
     """

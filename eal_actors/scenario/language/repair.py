@@ -39,7 +39,6 @@ class RepairedFile:
     """A file made valid.
 
     Attributes:
-        file: its content.
         paths: the values that were invalid.
         names: all words in them; they may be names that the rest of the file uses.
     """

@@ -48,11 +48,7 @@ class CheckedCall(NamedTuple):
 
     Attributes:
         method: of the resource API.
-        resource: the resource's name.
         given: the arguments; None if they are not known.
-        resource_at: the location of the resource.
-        method_at: that of the method.
-        arguments_at: that of the arguments.
     """
 
     method: str
@@ -73,11 +69,9 @@ class RobotScope:
     """The surroundings of a step, with the robots that come to it.
 
     Attributes:
-        scenario: the scenario that holds it.
         roles: the robots of its roles, spares included.
         values: the values that are known before the run.
         groups: the robots of the `on` around it; those with the same resources are in one group.
-        role: the role of the `on` around it.
         is_of_one: each robot runs the scenario by itself.
     """
 
@@ -127,7 +121,6 @@ class RobotCheck:
     Args:
         robots: the abilities of the robots, by name.
         spares: the robots that may replace one in each role.
-        world: of the fleet.
 
     Attributes:
         budget: the work that its expressions may do.

@@ -276,9 +276,7 @@ class Scenario:
 
     Attributes:
         source: the file it was read from, as the user gave it.
-        file: its content.
         tree: the same, with positions in the file.
-        lines: the file's lines.
         parameters: the values of its parameters, defaults included; required ones without a value are missing.
         parts: the scenarios that its steps run, by the path of the step.
         named: the robots that its steps name; each is a role of its own, with the path of its first step.

@@ -48,7 +48,6 @@ class Scope:
     """The surroundings of a step.
 
     Attributes:
-        role: the role of the `on` around it.
         around: the loops around it, from the outermost.
         is_finally: it belongs to `finally`.
         is_beside: others run beside it, so that it can meet them.
@@ -111,11 +110,8 @@ class ScopeCheck:
     """A walk through the steps in the order in which they run.
 
     Attributes:
-        scenario: the scenario.
-        problems: the problems found.
         saved: the variables that earlier steps assign, by role.
         constants: the parameters, whose values are known before the run.
-        signals: the signals that the scenario gives.
     """
 
     def __init__(self, scenario: Scenario, doubtful: frozenset[str] = frozenset()) -> None:

@@ -44,14 +44,10 @@ class RunStarted(RunEvent):
     """The run has begun.
 
     Attributes:
-        scenario: the scenario's name.
         scenario_file: its file, as it was given.
         scenario_hash: SHA-256 of the content of the scenario and its parts, in hexadecimal.
-        fleet: the fleet's name.
         fleet_file: its file, as it was given.
-        seed: the source of all randomness.
         rate: seconds of the fleet's clock in one real second, or `max`.
-        parameters: the values of the scenario's parameters.
         roles: the robots of each role.
         spares: the robots kept in reserve for each role.
         robots: the robots bound, those lost from the start and spares included.
@@ -119,10 +115,7 @@ class StepStarted(RunEvent):
     Attributes:
         robot: the robot's name; None outside of `on`.
         step: path of the step in the scenario file.
-        label: the step for people.
-        role: the robot's role in it.
         branch: the innermost branch of a `parallel` around it.
-        step_kind: the kind of the step.
         resource: for calls.
         command: the text argument of a call.
     """
@@ -145,9 +138,7 @@ class StepRetried(RunEvent):
     Attributes:
         robot: the robot's name; None outside of `on`.
         step: path of the step in the scenario file.
-        label: the step for people.
         attempt: number of the attempt that failed, from 1.
-        error: why it failed.
     """
 
     kind = "step_retried"
@@ -163,7 +154,6 @@ class StepEnded(RunEvent):
     """A step has ended.
 
     Attributes:
-        record: the record of the step.
         answer: the answer of a call, for listeners: an EALData, a status int, or None. `events.jsonl` leaves it out,
             because camera frames are large.
         variables: those that the step has assigned, for a resumed run.
@@ -192,7 +182,6 @@ class Readings(RunEvent):
     """Values were read for a condition, a loop or a variable; a resumed run takes the same way.
 
     Attributes:
-        robot: the robot's name.
         step: path of the condition, loop or step.
         values: by the text of the reading.
     """
@@ -205,11 +194,7 @@ class Readings(RunEvent):
 
 @dataclass(frozen=True, slots=True)
 class StartedTogether(RunEvent):
-    """All robots of a synchronized start have ended the step.
-
-    Attributes:
-        start: the report of the start.
-    """
+    """All robots of a synchronized start have ended the step."""
 
     kind = "started_together"
     start: StartReport
@@ -221,9 +206,6 @@ class Signalled(RunEvent):
 
     Attributes:
         robot: the robot that gave it; None outside of `on`.
-        name: the signal.
-        count: how often it was given so far.
-        value: its value.
     """
 
     kind = "signal"
@@ -235,12 +217,7 @@ class Signalled(RunEvent):
 
 @dataclass(frozen=True, slots=True)
 class RobotDropped(RunEvent):
-    """The run continues without a robot.
-
-    Attributes:
-        robot: the robot's name.
-        error: why.
-    """
+    """The run continues without a robot."""
 
     kind = "robot_dropped"
     robot: str
@@ -254,8 +231,6 @@ class RobotReplaced(RunEvent):
     Attributes:
         robot: the robot that leaves.
         by: the spare.
-        role: the role.
-        error: why.
     """
 
     kind = "robot_replaced"
@@ -267,12 +242,7 @@ class RobotReplaced(RunEvent):
 
 @dataclass(frozen=True, slots=True)
 class RobotLost(RunEvent):
-    """A robot is out of reach.
-
-    Attributes:
-        robot: the robot's name.
-        error: why.
-    """
+    """A robot is out of reach."""
 
     kind = "robot_lost"
     robot: str
@@ -281,11 +251,7 @@ class RobotLost(RunEvent):
 
 @dataclass(frozen=True, slots=True)
 class RobotReturned(RunEvent):
-    """A lost robot is back.
-
-    Attributes:
-        robot: the robot's name.
-    """
+    """A lost robot is back."""
 
     kind = "robot_returned"
     robot: str
@@ -297,7 +263,6 @@ class LogLine(RunEvent):
 
     Attributes:
         robot: the robot that performs the step; None outside of `on`.
-        text: the text.
     """
 
     kind = "log"

@@ -15,7 +15,6 @@ class OutlineLine:
 
     Attributes:
         depth: how many lines it lies below, from 0.
-        text: the line for people.
         kind: the kind of the step; `branch` or `section` for a heading.
         line: its line in the scenario's file.
     """

@@ -21,19 +21,16 @@ class Resumption:
     """The point at which an interrupted run continues.
 
     Attributes:
-        directory: its folder.
         started: the fields of its event `run_started`.
         first_step: index of the top-level step at which it continues.
         was_begun: that step had begun.
         time_s: the time of its last event.
         since: the events after the last checkpoint.
-        variables: those of the run.
         slots: by role, the robot of each slot and the variables of the slot.
         signals: by name, how often each was given, and its last value.
         unsaved: variables whose values are not in the record.
         gone: robots that left the run, with their outcome and error.
         records: the steps that were over, and those under way at the interruption, as `aborted`.
-        starts: the synchronized starts that were over.
         continued_s: the times at which it was resumed before.
     """
 

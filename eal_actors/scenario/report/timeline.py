@@ -22,7 +22,6 @@ class TimelineEntry:
         robots: the robots that do it; empty outside of `on`.
         calls: number of its calls if nothing fails; None if it is known only during the run.
         unknown: the variables and readings that are known only during the run.
-        inner: the entries inside it.
     """
 
     step: str
@@ -43,7 +42,6 @@ class Timeline:
     """The timeline of a plan.
 
     Attributes:
-        steps: the steps.
         ending: those of `finally`.
     """
 
@@ -62,7 +60,6 @@ class TimelineBuilder:
     """Makes the entries for the steps of one scenario.
 
     Attributes:
-        scenario: the scenario.
         roles: the robots of each role.
     """
 

@@ -42,7 +42,6 @@ class StepContext:
         robot: the robot of the `on` around it, or None.
         directory: the run's folder, for files of the step; None if nothing is kept. Files of a robot go into its
             folder there, `directory / robot`.
-        clock: the fleet's clock.
         variables: the current variables of the scenario, by name; changes have no effect.
         seed: the fleet's seed, the source of all randomness.
         is_cancelled: returns whether the result is no longer needed: the deadline has passed, or the run was stopped.

@@ -47,7 +47,6 @@ class Bench:
 
     Attributes:
         settings: the plugin's settings, as in a fleet file; see `settings_of`.
-        timeout_s: deadline of each call.
         left_out: names of resources that are not checked.
         ready_within_s: real seconds until a device must be ready: the longest pause between two attempts to open a
             port, and the handshake.
@@ -219,11 +218,7 @@ class Findings:
 
 
 class BlockedActor(Exception):  # noqa: N818  # ends a check, and never leaves the runner
-    """A command blocks a resource's actor, so that the resource cannot be checked further.
-
-    Attributes:
-        resource: its name.
-    """
+    """A command blocks a resource's actor, so that the resource cannot be checked further."""
 
     def __init__(self, resource: str, what: str) -> None:
         super().__init__(f"`{what}` blocked its actor: make it a generator and yield the seconds instead of sleeping")

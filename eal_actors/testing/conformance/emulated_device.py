@@ -20,11 +20,7 @@ from eal_actors.managers.plugins import import_plugin
 
 
 class EmulatedDevice:
-    """A connected emulator, and the settings that lead the plugin to it.
-
-    Attributes:
-        settings: the plugin's settings in a fleet file.
-    """
+    """A connected emulator, and the settings that lead the plugin to it."""
 
     def __init__(self, wire: EmulatorWire, settings: Mapping[str, Any]) -> None:
         self.settings = settings

@@ -22,8 +22,6 @@ class PlannedMove:
     """A move of one traveller.
 
     Attributes:
-        here: the place where it begins.
-        there: the place where it ends.
         waits_for: travellers, and how many of their moves must be over before this one begins.
     """
 

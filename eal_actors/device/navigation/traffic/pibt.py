@@ -19,7 +19,6 @@ class StepGenerator:
     """Generates configurations: the places of all travellers one step later.
 
     Args:
-        problem: the problem.
         random_numbers: breaks ties.
 
     Attributes:

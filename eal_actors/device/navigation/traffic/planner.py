@@ -30,7 +30,6 @@ class TrafficMove:
     """A straight move of one robot.
 
     Attributes:
-        to: where it ends.
         waits_for: robots, and how many of their moves must be over before this one begins.
     """
 

@@ -36,8 +36,6 @@ class TrafficProblem:
 
     Attributes:
         neighbours: for each place, those that can be reached from it in one step.
-        starts: the start of each traveller.
-        goals: the goal of each traveller.
         blocks: for each move (from, to) that excludes others from more than its two ends, all places it excludes them
             from, the ends included. It contains both directions.
         own_neighbours: for each traveller, additional neighbours of places, which nobody else can use.

@@ -82,7 +82,6 @@ class Roadmap:
 
     Attributes:
         points: x and y of each place in m, shape (n, 2).
-        problem: the problem.
         clearance_m: distance that the centres of two robots keep.
     """
 

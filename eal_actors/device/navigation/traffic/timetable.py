@@ -17,7 +17,6 @@ class Timetable:
     """The paths of travellers, by step and place.
 
     Args:
-        problem: the problem.
         paths: a valid plan.
 
     Attributes:

@@ -368,10 +368,7 @@ class LocatedExpression(NamedTuple):
     """An expression in a step.
 
     Attributes:
-        expression: the expression.
         keys: the keys from the step to the text that holds it.
-        text: that text.
-        offset: of the expression in the text.
     """
 
     expression: Expression

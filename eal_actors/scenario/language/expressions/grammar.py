@@ -72,7 +72,6 @@ class RobotReading(NamedTuple):
 
     Attributes:
         method: a method of the resource API.
-        resource: the resource's name.
         argument: the key or request; None for a value or status.
     """
 
@@ -254,7 +253,6 @@ class Template:
 
     Attributes:
         parts: literal texts, and expressions with the offset of their first character in the text.
-        flaws: its problems.
     """
 
     parts: tuple[str | tuple[Expression, int], ...]
