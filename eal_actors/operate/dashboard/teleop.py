@@ -154,7 +154,7 @@ class Teleop:
         done.add_done_callback(lambda halted: _log_unhalted(robot, halted.exception()))
 
     def _on_answer(self, robot: str, browser: str, press: int, answer: Future[int]) -> None:
-        """End a press whose twist failed. Thread: any."""
+        """End a press whose twist failed: the robot may still follow the one before. Thread: any."""
         error = answer.exception()
         if not isinstance(error, EALError) or isinstance(error, PreemptedError):  # preempted by the next message
             return
@@ -163,6 +163,8 @@ class Teleop:
             if current is None or (current.browser, current.number) != (browser, press):
                 return
             self._end_press(robot)
+        if not isinstance(error, ResourceBusyError):  # what another controller commands goes on
+            self._halt(robot)
         current.on_error(robot, error)
 
     # The dead-man's switch, in its own thread.

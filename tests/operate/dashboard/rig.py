@@ -25,7 +25,7 @@ WAIT_S = 60.0
 COUNTING_PLUGIN = """\
 import threading
 
-from eal_actors.plugin import DataType, EALPlugin, Resource, ResourceType, ValueInfo, command
+from eal_actors.plugin import ArgumentError, DataType, EALPlugin, Resource, ResourceType, ValueInfo, command
 
 
 class Base(Resource):
@@ -42,6 +42,8 @@ class Base(Resource):
             self.changed.notify_all()
 
     def set_value(self, data):
+        if data.value[0] > 1.0:
+            raise ArgumentError("too fast")
         with self.changed:
             self.twist, self.twists = list(data.value), self.twists + 1
             self.changed.notify_all()

@@ -213,8 +213,8 @@ class _Driver:
         self.errors.append(error)
         self.has_failed.set()
 
-    def drive(self, driver: str, robot: str, press: int) -> None:
-        self.teleop.drive(driver, robot, press, Twist(0.1, 0.0), self.on_error)
+    def drive(self, driver: str, robot: str, press: int, speed_m_s: float = 0.1) -> None:
+        self.teleop.drive(driver, robot, press, Twist(speed_m_s, 0.0), self.on_error)
 
 
 @pytest.fixture
@@ -237,6 +237,16 @@ def test_silence_halts_in_time_and_ends_the_press(driver: _Driver, fleet: Fleet)
     with pytest.raises(StaleCommandError, match="release the keys"):
         driver.drive("a", "one", 1)
     driver.drive("a", "one", 2)
+
+
+def test_a_refused_twist_halts_a_robot_that_follows_the_one_before(driver: _Driver, fleet: Fleet) -> None:
+    base = resource_of(fleet, "one", "Base")
+    driver.drive("a", "one", 1)
+    wait_for(base, lambda: base.twist == [0.1, 0.0])
+    driver.drive("a", "one", 1, speed_m_s=9.0)
+    assert driver.has_failed.wait(WAIT_S)
+    assert driver.errors[0].code == "argument"
+    wait_for(base, lambda: base.twist == [0.0, 0.0])  # the clock stands: no dead-man's switch did it
 
 
 def test_a_late_message_does_not_undo_the_silence_before_it(driver: _Driver) -> None:
