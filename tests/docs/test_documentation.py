@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import re
 import shlex
@@ -152,6 +153,14 @@ def test_every_link_between_pages_leads_somewhere() -> None:
     for page in (*PAGES, *TUTORIALS):
         for target in re.findall(r"\]\((?!https?://)([^)#]+)", page.read_text()):
             assert (page.parent / target).exists(), f"{page.relative_to(ROOT)} links to {target}"
+
+
+@pytest.mark.parametrize("module", ["eal_actors", "eal_actors.plugin", "eal_actors.scenario", "eal_actors.testing"])
+def test_the_reference_has_every_public_name(module: str) -> None:
+    reference = "".join(page.read_text() for page in (ROOT / "docs/reference").glob("*.md"))
+    names = set(re.findall(r"auto\w+:: (?:[\w.]+\.)?(\w+)", reference)) | set(re.findall(r"`(\w+)`", reference))
+    public = importlib.import_module(module).__all__
+    assert [name for name in public if name not in names and not hasattr(errors, name)] == []
 
 
 def test_the_page_of_worlds_lists_those_that_come_with_the_framework() -> None:
