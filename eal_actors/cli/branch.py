@@ -9,7 +9,7 @@ import typer
 from rich.text import Text
 
 from eal_actors.cli.exit_codes import ExitCode
-from eal_actors.cli.options import JsonOption, SettingsOption
+from eal_actors.cli.options import JsonOption, SettingsOption, bad_option
 from eal_actors.cli.output import counted, print_line, stderr, stdout, write_json
 from eal_actors.cli.progress import STYLES
 from eal_actors.cli.records import RunArgument, reading_run
@@ -45,19 +45,15 @@ def branch_run(
     The run must have been made with `--rate max`. The past is the same to the bit, which is checked. `--set` changes
     parameters for the steps that begin later. `eal diff RUN BRANCH --page FILE` shows both trails.
     """
-    try:
+    with bad_option("--with-fault"):
         added = dict(parse_fault(text) for text in with_fault or ())
-    except ValueError as error:
-        raise typer.BadParameter(str(error), param_hint="'--with-fault'") from error
     if not (without_fault or added or settings or scenario):
         raise typer.BadParameter("give --without-fault, --with-fault, --set or --scenario")
     with reading_run():
         RunFolder.open(run)  # names a folder that is none of a run
         file = load_scenario(scenario or kept_scenario(run)).file
-        try:
+        with bad_option("--set"):
             parameters = read_settings(file, settings or ())
-        except ValueError as error:
-            raise typer.BadParameter(str(error), param_hint="'--set'") from error
         made = branch(BranchRequest(run, at, without_fault or (), added, parameters, scenario), runs_dir)
     first = None if made.first is None else f"{made.first.where}: {made.first.left}, now {made.first.right}"
     if as_json:

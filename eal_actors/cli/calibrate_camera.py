@@ -18,7 +18,7 @@ from eal_actors.cli.tracker import SquareOption, SquaresOption, board_size, need
 from eal_actors.cli.work import work_progress
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.bundled import short_path
-from eal_actors.kernel.errors import ArgumentError, ConfigError, Problem, UnavailableError
+from eal_actors.kernel.errors import ArgumentError, UnavailableError, file_error
 from eal_actors.managers.fleet_model import FleetConfig
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def _fitted(found: list[BoardView], source: Path | None) -> LensFit:
     try:
         return fit_lens(found)
     except ArgumentError as error:
-        raise ConfigError([Problem(str(source), 0, 0, "", error.message)]) from error
+        raise file_error(source, error.message) from error
 
 
 def _check_sources(folder: Path | None, robot: str | None, *, has_fleet: bool, needs_fleet: bool) -> None:
@@ -136,13 +136,13 @@ def _views_of_folder(folder: Path, finder: BoardFinder, console: Console) -> lis
     files = sorted(file for file in folder.glob("*") if file.suffix.lower() in _SUFFIXES) if folder.is_dir() else []
     if not files:
         what = f"contains no pictures, which end in {', '.join(_SUFFIXES)}" if folder.is_dir() else "is no folder"
-        raise ConfigError([Problem(str(folder), 0, 0, "", what)])
+        raise file_error(folder, what)
     views, left_out = [], []
     with work_progress(stderr(), "picture", len(files)) as on_done:
         for file in files:
             image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
             if image is None:
-                raise ConfigError([Problem(str(file), 0, 0, "", "is not a picture that OpenCV can read")])
+                raise file_error(file, "is not a picture that OpenCV can read")
             view = finder.find(np.asarray(image, np.uint8))
             if view is not None:
                 views.append(view)

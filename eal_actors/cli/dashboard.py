@@ -19,9 +19,9 @@ from eal_actors.cli.output import stdout
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
-from eal_actors.kernel.errors import ConfigError, Problem, UnsupportedError
+from eal_actors.kernel.errors import file_error
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.managers.missing_modules import require_modules
+from eal_actors.managers.missing_modules import needs_extra, require_modules
 from eal_actors.wire.security.certificates import DASHBOARD, certificate_file, folder_of, key_file, list_certificates
 
 if TYPE_CHECKING:
@@ -56,14 +56,10 @@ def show_dashboard(
     all robots are halted. `eal keys dashboard` makes the certificate with which the page is served by HTTPS, and
     `eal keys operator` the tokens of users with names and roles; `eal audit` shows what they commanded.
     """
-    try:
+    with needs_extra("dashboard", "the dashboard needs"):
         from eal_actors.operate.dashboard import Access, Dashboard
         from eal_actors.operate.dashboard.access import is_loopback
         from eal_actors.operate.dashboard.tokens import new_token
-    except ModuleNotFoundError as error:
-        raise UnsupportedError(
-            f"the dashboard needs {error.name}, which is not installed: pip install 'eal-actors[dashboard]'"
-        ) from error
     handle_signals()
     config = in_real_time(read_fleet(fleet))
     if token and config.operators:
@@ -72,7 +68,7 @@ def show_dashboard(
     access = Access(host, new_token() if token else None, config.operators, names)
     if config.operators and tls is None and not is_loopback(host):
         why = f"operators' tokens must not pass a network unencrypted: make a certificate with {_MAKE_CERTIFICATE}"
-        raise ConfigError([Problem(f"{host}:{port}", 0, 0, "", why)])
+        raise file_error(f"{host}:{port}", why)
     require_modules(config, config.robots)
     with Fleet(config).connect() as opened:
         folders = {"scenarios": scenarios or _scenarios(), "runs_dir": runs_dir, "keys": folder_of(config)}

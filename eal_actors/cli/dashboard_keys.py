@@ -13,10 +13,10 @@ from eal_actors.cli.keys_lifetime import app as keys_app
 from eal_actors.cli.options import EalCommand, FleetOption
 from eal_actors.cli.output import print_line, stderr, stdout
 from eal_actors.kernel.bundled import short_path
-from eal_actors.kernel.errors import UnsupportedError
 from eal_actors.kernel.strict_model import NAME_PATTERN
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import OperatorRole
+from eal_actors.managers.missing_modules import needs_extra
 from eal_actors.wire.security.certificates import AUTHORITY, DASHBOARD, certificate_file, folder_of, make_certificate
 
 _LOOPBACK: Final = ("localhost", "127.0.0.1", "::1")
@@ -51,12 +51,8 @@ def make_operator(
 
     The token goes to stdout and is in no file. Give it to the operator; the page asks for it.
     """
-    try:
+    with needs_extra("dashboard", "the dashboard needs"):
         from eal_actors.operate.dashboard.tokens import hash_token, new_token
-    except ModuleNotFoundError as error:
-        raise UnsupportedError(
-            f"the dashboard needs {error.name}, which is not installed: pip install 'eal-actors[dashboard]'"
-        ) from error
     if not re.fullmatch(NAME_PATTERN, name):
         raise typer.BadParameter("must be a letter, then letters, digits, '_', '.' or '-'", param_hint="NAME")
     token = new_token()

@@ -12,7 +12,7 @@ from eal_actors.cli.interrupts import handle_signals
 from eal_actors.cli.options import FleetOption, completed_robots
 from eal_actors.cli.output import print_line, stdout
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.errors import UnsupportedError
+from eal_actors.managers.missing_modules import needs_extra
 
 
 def drive_robots(
@@ -43,14 +43,10 @@ def drive_robots(
     The robots halt when it is released or unplugged, or falls silent. Start, Select or Tab chooses among several
     robots: all, or one after another.
     """
-    try:
+    with needs_extra("gamepad", "a gamepad needs"):
         from eal_actors.operate.hands import HandDriver, HandSettings, find_input
 
         source = find_input(device)
-    except ModuleNotFoundError as error:
-        raise UnsupportedError(
-            f"a gamepad needs {error.name}, which is not installed: pip install 'eal-actors[gamepad]'"
-        ) from error
     handle_signals()
     out = stdout()
     try:

@@ -10,7 +10,7 @@ import typer
 
 from eal_actors.cli.check import schema_of
 from eal_actors.cli.output import print_line, stdout
-from eal_actors.kernel.errors import ConfigError, Problem, unwritable_error
+from eal_actors.kernel.errors import file_error, unwritable_error
 
 SCHEMAS: Final = Path(".vscode/eal")
 """The folder of the schemas, below the prepared folder."""
@@ -73,9 +73,9 @@ def _read(file: Path) -> dict[str, Any]:
         return {}
     except (OSError, ValueError) as error:
         why = f'cannot be extended ({error}): remove its comments, or add "yaml.schemas" by hand'
-        raise ConfigError([Problem(str(file), 0, 0, "", why)]) from error
+        raise file_error(file, why) from error
     if not isinstance(content, dict):
-        raise ConfigError([Problem(str(file), 0, 0, "", "must be a mapping")])
+        raise file_error(file, "must be a mapping")
     return content
 
 

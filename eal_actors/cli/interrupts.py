@@ -11,16 +11,13 @@ import signal
 import threading
 from collections.abc import Callable
 from types import FrameType
-from typing import TYPE_CHECKING, Any, Final, NoReturn, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Final, NoReturn, Self
 
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.output import stderr
 
 if TYPE_CHECKING:
-    from eal_actors.actors.future import Future
     from eal_actors.scenario import Run
-
-T = TypeVar("T")
 
 _MESSAGES: Final = (
     "Stopping: the robots halt, then the steps of `finally` run; Ctrl-C skips them.",
@@ -109,13 +106,3 @@ class RunInterrupts:
             raise KeyboardInterrupt
         self._run.abort(f"interrupted by {signal.Signals(number).name}")  # first: the message may fail
         stderr().print(_MESSAGES[self.count - 1], style="yellow")
-
-    def wait(self, future: Future[T]) -> T:
-        """Return the result of the run.
-
-        Raises:
-            KeyboardInterrupt: at the third signal.
-
-        Thread: blocks the main thread.
-        """
-        return future.get()

@@ -17,9 +17,10 @@ from eal_actors.cli.options import EalCommand, EalCommandGroup, FleetOption, Jso
 from eal_actors.cli.output import new_table, print_line, stderr, stdout, write_json
 from eal_actors.kernel.bundled import find_file, short_path
 from eal_actors.kernel.clock import wall_time
-from eal_actors.kernel.errors import ConfigError, Problem, RobotNotFoundError
+from eal_actors.kernel.errors import ConfigError, RobotNotFoundError, file_error, writing
 from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_source import load_yaml
+from eal_actors.lab.fleet_edits import replace_file
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_loader import load_fleet
 from eal_actors.managers.fleet_model import FleetConfig
@@ -101,7 +102,8 @@ def init_keys(
     (folder / REVOKED).unlink(missing_ok=True)  # it names certificates of the former authority
     _keep_out_of_git(folder)
     if new is not None:
-        _replace_file(fleet, new)
+        replace_file(fleet, new)
+        advise(f"{fleet}: network section appended")
     else:
         stdout().print(Text(section), end="", soft_wrap=True)
     print_made(made)
@@ -236,37 +238,22 @@ def _append_section(fleet: Path, section: str) -> str:
     """Return the fleet file's text with the section appended; raise ConfigError if the result is not valid."""
     root = load_yaml(fleet).root
     if "network" in root:
-        raise ConfigError(
-            [_problem(fleet, "has a network section already: omit --write, and add the printed lines by hand")]
-        )
+        raise file_error(fleet, "has a network section already: omit --write, and add the printed lines by hand")
     text = fleet.read_text(encoding="utf-8")
     new = f"{text}{'' if text.endswith(chr(10)) else chr(10)}\n{section}"
     trial = fleet.with_name(f".{fleet.name}.new")
     try:
-        trial.write_text(new, encoding="utf-8")
+        with writing(fleet):
+            trial.write_text(new, encoding="utf-8")
         load_fleet(trial, os.environ)
     except ConfigError as error:
         problems = [
             replace(problem, file=str(fleet)) if problem.file == str(trial) else problem for problem in error.problems
         ]
         raise ConfigError(problems) from None
-    except OSError as error:
-        raise ConfigError([_problem(fleet, f"cannot be written: {error.strerror}")]) from error
     finally:
         trial.unlink(missing_ok=True)
     return new
-
-
-def _replace_file(file: Path, text: str) -> None:
-    """Replace a file atomically, keeping its permissions."""
-    trial = file.with_name(f".{file.name}.new")
-    try:
-        trial.write_text(text, encoding="utf-8")
-        trial.chmod(file.stat().st_mode & 0o777)
-        trial.replace(file.resolve())
-    except OSError as error:
-        raise ConfigError([_problem(file, f"cannot be written: {error.strerror}")]) from error
-    advise(f"{file}: network section appended")
 
 
 def _keep_out_of_git(folder: Path) -> None:
@@ -334,7 +321,3 @@ def advise_to_copy(folder: Path, name: str) -> None:
 def advise(text: str) -> None:
     """Print advice."""
     print_line(stderr(), text, "dim")
-
-
-def _problem(file: Path, message: str) -> Problem:
-    return Problem(str(file), 0, 0, "", message)

@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.errors import UnsupportedError
+from eal_actors.managers.missing_modules import needs_extra
 
 if TYPE_CHECKING:
     from eal_actors.operate.foxglove import LiveView
@@ -49,12 +49,8 @@ def foxglove_at(place: str | None, fleet: Fleet, console: Console, *, allow_cont
     host, _, port = place.rpartition(":")
     if not port.isdecimal() or int(port) > 65535:
         raise typer.BadParameter(f"{place!r} is no [HOST:]PORT, such as 8765", param_hint="'--foxglove'")
-    try:
+    with needs_extra("foxglove", "the live view needs"):
         from eal_actors.operate.foxglove import LiveView
-    except ModuleNotFoundError as error:
-        raise UnsupportedError(
-            f"the live view needs {error.name}, which is not installed: pip install 'eal-actors[foxglove]'"
-        ) from error
     with LiveView(fleet, host or "127.0.0.1", int(port), allow_control=allow_control) as view:
         console.print(f"Foxglove: {view.url}", soft_wrap=True)
         yield view

@@ -16,7 +16,7 @@ from eal_actors.device.world import WorldModel, load_world
 from eal_actors.facade.fleet import Fleet
 from eal_actors.facade.traffic.positions import radius_m_of
 from eal_actors.kernel.bundled import find_file
-from eal_actors.kernel.errors import PlaceNotFoundError, UnsupportedError, unwritable_error
+from eal_actors.kernel.errors import PlaceNotFoundError, UnsupportedError, writing
 from eal_actors.kernel.yaml_source import load_yaml
 from eal_actors.recording import kept_world
 
@@ -165,7 +165,7 @@ def _save(source: _Source, inflated: OccupancyGrid, path: PlannedPath | None, fi
     from eal_actors.device.navigation.map_file import save_map
     from eal_actors.recording.map_picture import draw_map
 
-    try:
+    with writing(file):
         if file.suffix.lower() in _MAPS:
             for written in save_map(source.grid, file):
                 print_line(stdout(), str(written))
@@ -182,8 +182,6 @@ def _save(source: _Source, inflated: OccupancyGrid, path: PlannedPath | None, fi
             places=places,
             world=source.world if source.is_drawn else None,
         )
-    except OSError as error:
-        raise unwritable_error(file, error) from error
     if drawn is None:
         raise typer.Exit(ExitCode.FAILED)
     print_line(stdout(), str(drawn))

@@ -20,9 +20,9 @@ from eal_actors.cli.live_view import FoxgloveOption, foxglove_at
 from eal_actors.cli.options import FleetOption, JsonOption
 from eal_actors.cli.output import new_table, print_line, stderr, stdout, write_json
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.errors import ScenarioError, UnsupportedError
+from eal_actors.kernel.errors import ScenarioError
 from eal_actors.kernel.log import get_logger
-from eal_actors.managers.missing_modules import require_modules
+from eal_actors.managers.missing_modules import needs_extra, require_modules
 from eal_actors.operate.audit import AuditLog
 
 if TYPE_CHECKING:
@@ -56,13 +56,9 @@ def serve_agents(
     person has approved it with `eal approve` or on the dashboard, or if the policy allows it. STOP needs no approval.
     `eal audit` shows every request.
     """
-    try:
+    with needs_extra("mcp", "the door for agents needs"):
         from eal_actors.operate.agents import PlanGate, load_policy
         from eal_actors.operate.agents.server import AgentServer
-    except ModuleNotFoundError as error:
-        raise UnsupportedError(
-            f"the door for agents needs {error.name}, which is not installed: pip install 'eal-actors[mcp]'"
-        ) from error
     handle_signals()
     rules = load_policy(policy) if policy is not None else None
     config = in_real_time(read_fleet(fleet))

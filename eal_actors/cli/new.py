@@ -15,7 +15,7 @@ from eal_actors.cli.check import check_file
 from eal_actors.cli.init import header_for
 from eal_actors.cli.options import EalCommand, EalCommandGroup
 from eal_actors.cli.output import print_line, stdout
-from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.errors import ConfigError, file_error, writing
 from eal_actors.kernel.strict_model import NAME_PATTERN
 from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.managers.network_model import new_identity
@@ -191,27 +191,23 @@ def _ask_number(question: str, default: int, limits: tuple[int, int]) -> int:
 
 def _name_of(file: Path) -> str:
     if re.fullmatch(NAME_PATTERN, file.stem) is None:
-        raise _refused(file, "its name is the name inside: it must be a letter, then letters, digits, '_', '.' or '-'")
+        raise file_error(
+            file, "its name is the name inside: it must be a letter, then letters, digits, '_', '.' or '-'"
+        )
     return file.stem
 
 
 def _refuse_existing(file: Path) -> None:
     if file.exists():
-        raise _refused(file, "exists already; nothing was written")
+        raise file_error(file, "exists already; nothing was written")
 
 
 def _write(file: Path, kind: str, text: str, *next_commands: str) -> None:
     """Write the file and check it; print what to do next."""
-    try:
+    with writing(file):
         file.write_text(header_for(file, kind) + text, encoding="utf-8")
-    except OSError as error:
-        raise _refused(file, f"cannot be written: {error.strerror}") from error
     if problems := check_file(file).problems:
         raise ConfigError(problems)
     print_line(stdout(), str(file))
     for command in next_commands:
         print_line(stdout(), f"Next: {command}", "dim")
-
-
-def _refused(file: Path, reason: str) -> ConfigError:
-    return ConfigError([Problem(str(file), 0, 0, "", reason)])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
@@ -10,6 +12,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from eal_actors.kernel.bundled import FLEET_VARIABLE
+from eal_actors.kernel.errors import ConfigError, ScenarioError
 from eal_actors.kernel.log import LogFormat
 
 LogLevel = Literal["debug", "info", "warning", "error"]
@@ -97,24 +100,35 @@ class GlobalOptions:
     log_level: LogLevel = "warning"
 
 
-class EalCommand(TyperCommand):
-    """A command whose help shows flags without a type, because a flag takes no value."""
+class _PlainFlags:
+    """Shows flags without a type in the help, because a flag takes no value."""
 
     def get_params(self, ctx: Any) -> Any:
-        """Return the command's parameters."""
-        return _hide_flag_types(super().get_params(ctx))
+        params = super().get_params(ctx)  # type: ignore[misc]  # of the command with which this is mixed
+        for param in params:
+            if getattr(param, "is_flag", False):
+                param.metavar = ""
+        return params
 
 
-class EalCommandGroup(TyperGroup):
-    """A group of commands whose help shows flags without a type."""
-
-    def get_params(self, ctx: Any) -> Any:
-        """Return the group's own parameters."""
-        return _hide_flag_types(super().get_params(ctx))
+class EalCommand(_PlainFlags, TyperCommand):
+    """A command of `eal`."""
 
 
-def _hide_flag_types(params: list[Any]) -> list[Any]:
-    for param in params:
-        if getattr(param, "is_flag", False):
-            param.metavar = ""
-    return params
+class EalCommandGroup(_PlainFlags, TyperGroup):
+    """A group of commands of `eal`."""
+
+
+@contextmanager
+def bad_option(option: str) -> Iterator[None]:
+    """Turn a ValueError or a ScenarioError of the block into that of an option, unless it is about a file.
+
+    Raises:
+        BadParameter: the option's value is wrong.
+    """
+    try:
+        yield
+    except ConfigError:
+        raise
+    except (ValueError, ScenarioError) as error:
+        raise typer.BadParameter(str(error), param_hint=f"'{option}'") from error

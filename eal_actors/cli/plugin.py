@@ -21,7 +21,7 @@ from eal_actors.cli.options import EalCommand, EalCommandGroup, GlobalOptions, J
 from eal_actors.cli.output import PAGE_WIDTH, counted, new_table, print_line, stderr, stdout, write_json
 from eal_actors.cli.plugin_settings import SettingOption, parse_settings
 from eal_actors.kernel.bundled import is_installed, short_path
-from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.errors import file_error
 from eal_actors.kernel.log import configure_logging
 from eal_actors.managers.manifest import discover
 from eal_actors.managers.plugins import EALPluginManager
@@ -103,9 +103,9 @@ def write_plugin(name: str, directory: Path) -> Path:
     resource = "".join(part.capitalize() for part in name.split("_"))
     folder = directory / name
     if not _NAME.fullmatch(name):
-        raise _refused(name, "a plugin's name is a lower-case letter, then lower-case letters, digits and single '_'")
+        raise file_error(name, "a plugin's name is a lower-case letter, then lower-case letters, digits and single '_'")
     if keyword.iskeyword(name) or keyword.iskeyword(resource) or resource in plugin_api.__all__:
-        raise _refused(name, f"its resource would be {resource!r}, a reserved name; choose another")
+        raise file_error(name, f"its resource would be {resource!r}, a reserved name; choose another")
     try:
         folder.mkdir(parents=True)
         for template in sorted(_TEMPLATES.iterdir()):
@@ -113,14 +113,10 @@ def write_plugin(name: str, directory: Path) -> Path:
             text = Template(template.read_text(encoding="utf-8")).substitute(name=name, resource=resource)
             file.write_text(text, encoding="utf-8")
     except FileExistsError:
-        raise _refused(str(folder), "exists already; nothing was written") from None
+        raise file_error(folder, "exists already; nothing was written") from None
     except OSError as error:
-        raise _refused(str(folder), f"cannot be written: {error.strerror}") from error
+        raise file_error(folder, f"cannot be written: {error.strerror}") from error
     return folder
-
-
-def _refused(path: str, reason: str) -> ConfigError:
-    return ConfigError([Problem(path, 0, 0, "", reason)])
 
 
 @app.command("check", cls=EalCommand)

@@ -20,7 +20,7 @@ from eal_actors.cli.options import JsonOption
 from eal_actors.cli.output import counted, new_table, print_line, stderr, stdout, write_json
 from eal_actors.cli.replay_service import serve_replay
 from eal_actors.cli.run_options import parse_rate
-from eal_actors.kernel.errors import ConfigError, ScenarioError, unwritable_error
+from eal_actors.kernel.errors import ConfigError, ScenarioError, writing
 from eal_actors.kernel.lock_step import MAX, Rate
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.config import EALConfigManager
@@ -234,7 +234,5 @@ def reading_run() -> Iterator[None]:
 
 
 def _write_text(file: Path, text: str) -> None:
-    try:
+    with writing(file):
         file.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise unwritable_error(file, error) from error

@@ -236,7 +236,7 @@ def _execute(
             if watcher is not None:
                 watcher.attach(run)
                 stack.enter_context(watcher)
-            report = interrupts.wait(run.start())
+            report = run.start().get()
     return _FinishedRun(report, plan.scenario, directory, interrupts.count)
 
 

@@ -12,7 +12,8 @@ from typing import Annotated, Any, TypeAlias
 import typer
 
 from eal_actors.cli.fleets import check_plugins, read_fleet
-from eal_actors.kernel.errors import ConfigError, Problem, ScenarioError
+from eal_actors.cli.options import bad_option
+from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.lock_step import MAX, Rate
 from eal_actors.managers.config import collect_problems
 from eal_actors.managers.fleet_model import FleetConfig
@@ -119,10 +120,8 @@ def read_request(options: RunOptions) -> RunRequest:
     if options.fleet is None:
         raise typer.BadParameter("is missing", param_hint="'--fleet' / '-f'")
     scenario, config = _read_both(options.scenario, options.fleet, rate, options.seed)
-    try:
+    with bad_option("--set"):
         given = read_settings(scenario.file, options.settings)
-    except ValueError as error:
-        raise typer.BadParameter(str(error), param_hint="'--set'") from error
     return RunRequest(with_parameters(scenario, given), config, binding)
 
 
@@ -130,10 +129,8 @@ def _resumed_request(options: RunOptions, directory: Path, rate: Rate | None) ->
     for hint, given in (("--set", options.settings), ("--bind", options.bindings), ("--seed", options.seed)):
         if given not in ((), [], None):
             raise typer.BadParameter("not with --resume: the run keeps its values", param_hint=f"'{hint}'")
-    try:
+    with bad_option("--resume"):
         resumption = read_run(directory)
-    except ScenarioError as error:
-        raise typer.BadParameter(str(error), param_hint="'--resume'") from error
     started: Mapping[str, Any] = resumption.started
     scenario, config = _read_both(
         options.scenario or _kept(Path(started["scenario_file"]), directory / SCENARIO),

@@ -9,9 +9,9 @@ import typer
 from rich.text import Text
 from rich.tree import Tree
 
-from eal_actors.cli.options import JsonOption, ScenarioArgument, SettingsOption
+from eal_actors.cli.options import JsonOption, ScenarioArgument, SettingsOption, bad_option
 from eal_actors.cli.output import print_line, stdout, write_json
-from eal_actors.kernel.errors import unwritable_error
+from eal_actors.kernel.errors import writing
 from eal_actors.recording.outline_picture import draw_outline
 from eal_actors.scenario import load_scenario
 from eal_actors.scenario.language.parameters import read_settings, with_parameters
@@ -30,17 +30,12 @@ def show_scenario(
 ) -> None:
     """Show the steps of a scenario as a tree, with their lines in the file; no fleet is needed."""
     loaded = load_scenario(scenario)
-    try:
-        given = read_settings(loaded.file, settings or ())
-    except ValueError as error:
-        raise typer.BadParameter(str(error), param_hint="'--set'") from error
-    loaded = with_parameters(loaded, given)
+    with bad_option("--set"):
+        loaded = with_parameters(loaded, read_settings(loaded.file, settings or ()))
     lines = list(outline(loaded))
     if svg is not None:
-        try:
+        with writing(svg):
             svg.write_text(draw_outline(lines), encoding="utf-8")
-        except OSError as error:
-            raise unwritable_error(svg, error) from error
     if as_json:
         write_json([{"depth": one.depth, "kind": one.kind, "text": one.text, "line": one.line} for one in lines])
         return

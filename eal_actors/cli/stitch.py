@@ -14,7 +14,7 @@ from eal_actors.cli.options import JsonOption
 from eal_actors.cli.output import counted, new_table, print_line, stderr, stdout, write_json
 from eal_actors.cli.work import work_progress
 from eal_actors.kernel.bundled import short_path
-from eal_actors.kernel.errors import ArgumentError, ConfigError, Problem, UnsupportedError
+from eal_actors.kernel.errors import ArgumentError, UnsupportedError, file_error
 from eal_actors.scenario.report.journal import EVENTS
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def _stitch(folder: Path, frames: CameraFrames, field_of_view_deg: float) -> Pan
     try:
         return stitch(frames.images, frames.yaws_rad, math.radians(field_of_view_deg), names=frames.names)
     except ArgumentError as error:
-        raise ConfigError([Problem(str(folder), 0, 0, "", error.message)]) from error
+        raise file_error(folder, error.message) from error
 
 
 def _print_report(report: dict[str, Any], field_of_view_deg: float) -> None:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 from rich.text import Text
 
 from eal_actors.cli.exit_codes import ExitCode
-from eal_actors.cli.options import FleetOption, JsonOption, KeepOption, ScenarioArgument, SettingsOption
+from eal_actors.cli.options import FleetOption, JsonOption, KeepOption, ScenarioArgument, SettingsOption, bad_option
 from eal_actors.cli.output import counted, print_line, stderr, stdout, write_json
 from eal_actors.cli.progress import STYLES
 from eal_actors.cli.run_options import RunOptions, read_request
@@ -38,7 +38,6 @@ from eal_actors.managers.twins import simulated
 from eal_actors.scenario.language.binding import find_candidates
 from eal_actors.scenario.language.parameters import missing_parameters
 
-T = TypeVar("T")
 _LIMIT = 1000
 _SHOWN_FAILURES = 10
 OnResult = Callable[[SweepResult], None]
@@ -76,8 +75,10 @@ def sweep_scenario(
     The exit code is 1 if a run is not done, or if one of its expectations failed.
     """
     request = read_request(RunOptions(scenario, fleet, settings or ()))
-    variations = _parse_option("--vary", lambda: read_variations(request.scenario, vary or (), limit))
-    chosen = (request.config.seed,) if seeds is None else _parse_option("--seeds", lambda: read_seeds(seeds, limit))
+    with bad_option("--vary"):
+        variations = read_variations(request.scenario, vary or (), limit)
+    with bad_option("--seeds"):
+        chosen = (request.config.seed,) if seeds is None else read_seeds(seeds, limit)
     sweep = Sweep(request.scenario, request.config, tuple(keep or ()), variations, chosen)
     _validate(sweep, limit)
     folder = SweepFolder(out or Path("sweeps") / request.scenario.name)
@@ -94,16 +95,6 @@ def sweep_scenario(
         print_line(console, f"log: {folder.path / LOG}: workers logged warnings", "yellow")
     if not all(result.is_good for result in results):
         raise typer.Exit(ExitCode.FAILED)
-
-
-def _parse_option(option: str, parse: Callable[[], T]) -> T:
-    """Return the value of an option; a malformed option is an error of the command line, not of a file."""
-    try:
-        return parse()
-    except ConfigError:
-        raise
-    except ValueError as error:
-        raise typer.BadParameter(str(error), param_hint=f"'{option}'") from error
 
 
 def _validate(sweep: Sweep, limit: int) -> None:

@@ -10,8 +10,9 @@ import typer
 from rich.console import Console
 
 from eal_actors.actors.handles import RobotHandle
+from eal_actors.cli.options import bad_option
 from eal_actors.kernel.clock import Clock
-from eal_actors.kernel.errors import ArgumentError, UnsupportedError
+from eal_actors.managers.missing_modules import needs_extra
 
 MetricsPortOption = Annotated[
     int | None,
@@ -54,12 +55,8 @@ def metrics_at(
     if port is None:
         yield
         return
-    try:
+    with needs_extra("metrics", "metrics need"):
         from eal_actors.operate.metrics.fleet_metrics import FleetMetrics
-    except ModuleNotFoundError as error:
-        raise UnsupportedError(
-            f"metrics need {error.name}, which is not installed: pip install 'eal-actors[metrics]'"
-        ) from error
     with FleetMetrics(robots, clock, port, dead_man_trips) as metrics:
         console.print(f"metrics at {metrics.url}", soft_wrap=True)
         yield
@@ -81,16 +78,10 @@ def traces_to(where: str | None, service: str, console: Console) -> Iterator[Non
     if where in (None, _NONE):
         yield
         return
-    try:
+    with needs_extra("otel", "traces need"):
         from eal_actors.operate.tracing import Tracing
-    except ModuleNotFoundError as error:
-        raise UnsupportedError(
-            f"traces need {error.name}, which is not installed: pip install 'eal-actors[otel]'"
-        ) from error
-    try:
+    with bad_option("--trace"):
         tracing = Tracing(where, service)
-    except ArgumentError as error:
-        raise typer.BadParameter(error.message, param_hint="'--trace'") from error
     with tracing:
         console.print(f"traces to {where}", soft_wrap=True)
         yield

@@ -15,7 +15,7 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import UnsupportedError
 from eal_actors.kernel.lock_step import MAX
 from eal_actors.kernel.log import configure_logging
-from eal_actors.managers.missing_modules import require_modules
+from eal_actors.managers.missing_modules import needs_extra, require_modules
 from eal_actors.operate.metrics.call_observer import observe_calls
 
 
@@ -30,13 +30,9 @@ def show_top(
     s stops every robot and r resumes; enter shows a robot's details; q quits. Calls are those of this process. For a
     robot on the network without such calls, the latency is that of pings; `eal serve --metrics-port` reports all calls.
     """
-    try:
+    with needs_extra("top", "eal top needs"):
         from eal_actors.operate.top.call_statistics import RecentCalls
         from eal_actors.operate.top.screen import LogBuffer, TopApp
-    except ModuleNotFoundError as error:
-        raise UnsupportedError(
-            f"eal top needs {error.name}, which is not installed: pip install 'eal-actors[top]'"
-        ) from error
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise UnsupportedError("eal top needs a terminal; programs can use `eal ping --json`")
     handle_signals()

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from eal_actors.cli.options import EalCommand, EalCommandGroup
+from eal_actors.cli.options import EalCommand, EalCommandGroup, bad_option
 from eal_actors.cli.output import counted, print_line, stdout
 from eal_actors.kernel.bundled import short_path
-from eal_actors.kernel.errors import ArgumentError, UnsupportedError, unwritable_error
+from eal_actors.kernel.errors import ArgumentError, UnsupportedError, writing
 
 if TYPE_CHECKING:
     from eal_actors.lab.markers.prints import BoardSize
@@ -72,10 +72,8 @@ def print_markers(
             f"{len(sheets)} sheets, and an SVG file has one: write a .pdf file", param_hint="'FILE'"
         )
     data = as_pdf(sheets) if out.suffix.lower() == ".pdf" else as_svg(sheets[0]).encode()
-    try:
+    with writing(out):
         out.write_bytes(data)
-    except OSError as error:
-        raise unwritable_error(out, error) from error
     print_line(stdout(), f"{short_path(out)}: {counted(len(sheets), 'sheet')}, print at 100 %")
 
 
@@ -97,10 +95,8 @@ def board_size(squares: str, square_mm: float) -> BoardSize:
     match = re.fullmatch(r"(\d{1,2})x(\d{1,2})", squares)
     if match is None:
         raise typer.BadParameter(f"{squares!r}: use two numbers, such as 7x5", param_hint="'--squares'")
-    try:
+    with bad_option("--squares"):
         return BoardSize(int(match[1]), int(match[2]), square_mm / 1000)
-    except ArgumentError as error:
-        raise typer.BadParameter(error.message, param_hint="'--squares'") from error
 
 
 def needs_opencv(error: ImportError) -> UnsupportedError:

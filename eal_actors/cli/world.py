@@ -13,7 +13,7 @@ from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.options import JsonOption
 from eal_actors.cli.output import new_table, print_line, stdout, write_json
 from eal_actors.device.world import CircleObstacle, Formation, WorldModel, load_world
-from eal_actors.kernel.errors import unwritable_error
+from eal_actors.kernel.errors import writing
 from eal_actors.recording import draw_world
 
 _FORMATS: Final = (".pdf", ".png", ".svg")
@@ -64,10 +64,8 @@ def summarize_world(world: WorldModel) -> str:
 def _save_drawing(world: WorldModel, picture: Path) -> None:
     if picture.suffix.lower() not in _FORMATS:
         raise typer.BadParameter(f"{str(picture)!r} must end in {', '.join(_FORMATS)}", param_hint="--save")
-    try:
+    with writing(picture):
         drawn = draw_world(world, picture)
-    except OSError as error:
-        raise unwritable_error(picture, error) from error
     if drawn is None:
         raise typer.Exit(ExitCode.FAILED)
     print_line(stdout(), str(drawn))

@@ -17,7 +17,7 @@ from typing import Any
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.bundled import FLEET_VARIABLE
-from eal_actors.kernel.errors import ConfigError, Problem, RobotNotFoundError, UnavailableError
+from eal_actors.kernel.errors import RobotNotFoundError, UnavailableError, file_error
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER, SECURE_PROTOCOLS, Endpoint, parse_endpoint
@@ -88,8 +88,7 @@ def _remote_fleet(endpoint: str, config: FleetConfig) -> Fleet:
     is_secure = parse_endpoint(endpoint).protocol in SECURE_PROTOCOLS
     security = config.network.security
     if is_secure and security is None:
-        message = f"{endpoint} needs keys, and this fleet file names none"
-        raise ConfigError([Problem(str(config.source), 0, 0, "network.security", message)])
+        raise file_error(config.source, f"{endpoint} needs keys, and this fleet file names none", "network.security")
     try:
         found = robots_at(endpoint, config if is_secure else None)
     except UnavailableError as error:

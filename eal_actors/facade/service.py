@@ -12,7 +12,7 @@ from typing import Final, Self
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.device.info import unknown_name
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.errors import ConfigError, EALError, Problem, UnsupportedError
+from eal_actors.kernel.errors import ConfigError, EALError, Problem, UnsupportedError, file_error
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_changes import FleetChanges
@@ -52,7 +52,7 @@ class RobotService:
         elif not wanted.plugins:
             problem = "has no plugins here, so it has nothing to serve; give it one under 'plugins'"
         if problem:
-            raise ConfigError([Problem(str(config.source), 0, 0, f"robots.{robot}", f"robot {robot!r} {problem}")])
+            raise file_error(config.source, f"robot {robot!r} {problem}", f"robots.{robot}")
         self._config = config
         self._name = robot
         self._wanted = wanted

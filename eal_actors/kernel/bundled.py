@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Final, Literal
 
-from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.errors import ConfigError, file_error
 from eal_actors.kernel.suggestions import nearest
 
 Kind = Literal["fleet", "scenario", "world"]
@@ -91,7 +91,7 @@ def _unknown(name: str | Path, kind: str, known: Iterable[str]) -> ConfigError:
     near = nearest(str(name), names)
     hint = f"did you mean '{near}'?" if near is not None else f"there are: {', '.join(names)}"
     message = f"no such file, and no {kind} of that name comes with the framework; {hint}"
-    return ConfigError([Problem(str(name), 0, 0, "", message)])
+    return file_error(name, message)
 
 
 def short_path(path: Path) -> Path:

@@ -42,7 +42,8 @@ Every error has a stable `code`, its name on the wire and in records. Errors of 
 from __future__ import annotations
 
 import concurrent.futures
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
@@ -138,9 +139,23 @@ class ConfigError(EALError, ValueError):
         return type(self)(self.problems).at(self.robot, self.resource)
 
 
+def file_error(file: object, message: str, path: str = "") -> ConfigError:
+    """Return the error of a whole file or folder, or of a key at a path whose line is not known."""
+    return ConfigError([Problem(str(file), 0, 0, path, message)])
+
+
 def unwritable_error(file: object, error: OSError) -> ConfigError:
     """Return the error of a file or folder that cannot be written."""
-    return ConfigError([Problem(str(file), 0, 0, "", f"cannot be written: {error.strerror}")])
+    return file_error(file, f"cannot be written: {error.strerror}")
+
+
+@contextmanager
+def writing(file: object) -> Iterator[None]:
+    """Turn an OSError of the block into the error of a file or folder that cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        raise unwritable_error(file, error) from error
 
 
 class PluginError(EALError, RuntimeError):

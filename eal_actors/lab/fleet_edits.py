@@ -10,7 +10,7 @@ from typing import Any, Final, TextIO
 
 from eal_actors.kernel.bundled import is_installed
 from eal_actors.kernel.clock import REAL_TIME
-from eal_actors.kernel.errors import ConfigError, Problem, unwritable_error
+from eal_actors.kernel.errors import ConfigError, file_error, unwritable_error, writing
 from eal_actors.kernel.posix import lock
 from eal_actors.kernel.yaml_source import parse_yaml
 from eal_actors.managers.fleet_model import FleetConfig
@@ -32,7 +32,7 @@ def changed_files(texts: Mapping[Path, str]) -> Iterator[None]:
     try:
         for file, text in texts.items():
             if text != before[file]:
-                _replace_file(file, text)
+                replace_file(file, text)
         yield
     except BaseException:
         for file, former in before.items():
@@ -48,7 +48,7 @@ def require_own(fleet: FleetConfig, change: str) -> None:
             "is part of the framework and is not changed: write your own fleet file "
             f"with `include: [{name}]` below `version: 1`, and {change}"
         )
-        raise ConfigError([Problem(str(fleet.source), 0, 0, "", message)])
+        raise file_error(fleet.source, message)
 
 
 def with_include(text: str, name: str, include: str) -> str:
@@ -124,14 +124,11 @@ def write_identity(fleet: FleetConfig) -> None:
     """
     require_own(fleet, "add `network: {identity: NAME}`")
     name = str(fleet.source)
-    try:
-        with fleet.source.open(encoding="utf-8") as file:
-            _lock(file)
-            text = fleet.source.read_text(encoding="utf-8")  # by its name: it may be another file than the locked one
-            if not (parse_yaml(text, name).root.get("network") or {}).get("identity"):
-                _replace_file(fleet.source, with_identity(text, name, new_identity()))
-    except OSError as error:
-        raise unwritable_error(fleet.source, error) from error
+    with writing(fleet.source), fleet.source.open(encoding="utf-8") as file:
+        _lock(file)
+        text = fleet.source.read_text(encoding="utf-8")  # by its name: it may be another file than the locked one
+        if not (parse_yaml(text, name).root.get("network") or {}).get("identity"):
+            replace_file(fleet.source, with_identity(text, name, new_identity()))
 
 
 def _lock(file: TextIO) -> None:
@@ -152,7 +149,7 @@ def _require_content(text: str, wanted: Mapping[str, Any], name: str, key: str, 
     except ConfigError:
         is_so = False
     if not is_so:
-        raise ConfigError([Problem(name, 0, 0, key, f"cannot be changed automatically: {advice}, then try again")])
+        raise file_error(name, f"cannot be changed automatically: {advice}, then try again", key)
 
 
 def read_text(file: Path) -> str | None:
@@ -161,22 +158,19 @@ def read_text(file: Path) -> str | None:
     Raises:
         ConfigError: it cannot be read.
     """
-    try:
+    with writing(file), suppress(FileNotFoundError):
         return file.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        return None
-    except OSError as error:
-        raise unwritable_error(file, error) from error
+    return None
 
 
 def _restore(file: Path, text: str | None) -> None:
     if text is None:
         file.unlink(missing_ok=True)
     elif read_text(file) != text:
-        _replace_file(file, text)
+        replace_file(file, text)
 
 
-def _replace_file(file: Path, text: str) -> None:
+def replace_file(file: Path, text: str) -> None:
     """Replace a file atomically, keeping its owner and permissions."""
     trial = file.with_name(f".{file.name}.new")
     try:

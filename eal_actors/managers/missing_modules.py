@@ -1,12 +1,31 @@
-"""The check that what a fleet needs is installed: reported once, before anything starts."""
+"""Packages that are not installed: those of a fleet, reported once before anything starts, and those of our extras."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
-from eal_actors.kernel.errors import PluginError
+from eal_actors.kernel.errors import PluginError, UnsupportedError
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.manifest import discover
+
+
+@contextmanager
+def needs_extra(extra: str, what: str) -> Iterator[None]:
+    """Turn the failed import of a package into the advice to install our extra that has it.
+
+    Args:
+        extra: the name of the extra.
+        what: the beginning of the message, such as `metrics need`.
+
+    Raises:
+        UnsupportedError: the package is not installed.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        message = f"{what} {error.name}, which is not installed: pip install 'eal-actors[{extra}]'"
+        raise UnsupportedError(message) from error
 
 
 def require_modules(config: FleetConfig, robots: Iterable[str]) -> None:

@@ -21,7 +21,7 @@ from typing import Any, Final
 from typing_extensions import override
 
 from eal_actors.kernel.clock import wall_time
-from eal_actors.kernel.errors import ConfigError, Problem, unwritable_error
+from eal_actors.kernel.errors import file_error, unwritable_error
 from eal_actors.kernel.log import get_logger
 
 AUDIT_FILE: Final = "audit.jsonl"
@@ -116,7 +116,7 @@ def read_audit(folder: Path) -> list[dict[str, Any]]:
         lines = [line for file in files if file.exists() for line in file.read_text("utf-8").splitlines()]
         lines += newest.read_text("utf-8").splitlines()
     except OSError as error:
-        raise ConfigError([Problem(str(newest), 0, 0, "", f"cannot be read: {error.strerror}")]) from error
+        raise file_error(newest, f"cannot be read: {error.strerror}") from error
     for line in lines:
         try:
             fields = json.loads(line)

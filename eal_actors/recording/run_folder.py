@@ -14,7 +14,7 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from eal_actors.kernel.clock import wall_time
-from eal_actors.kernel.errors import ConfigError, Problem, ScenarioError, error_text
+from eal_actors.kernel.errors import ScenarioError, error_text, file_error
 from eal_actors.recording.mcap_file import RECORD_FILE, McapContent, read_mcap
 from eal_actors.recording.poses import PoseSample
 from eal_actors.scenario.report.journal import EVENTS, SUMMARY
@@ -38,7 +38,7 @@ def new_run_folder(runs_dir: Path, scenario: str) -> Path:
         except FileExistsError:
             number += 1
         except OSError as error:
-            raise ConfigError([Problem(str(directory), 0, 0, "", f"cannot be made: {error.strerror}")]) from error
+            raise file_error(directory, f"cannot be made: {error.strerror}") from error
         else:
             return directory
 

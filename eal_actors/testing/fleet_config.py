@@ -9,7 +9,7 @@ from typing import Any, Final, TypeAlias
 
 from eal_actors.device.world import WorldModel, load_world
 from eal_actors.kernel.bundled import bundled_path
-from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.errors import ConfigError, Problem, file_error
 from eal_actors.kernel.lock_step import MAX
 from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.managers.config import EALConfigManager, collect_problems, world_of
@@ -75,7 +75,7 @@ def _robot(name: str, entry: object, simulator: str) -> object:
             message = (
                 f"has settings in two places, also here: {', '.join(map(str, settings))}; put all of them in one place"
             )
-            raise _wrong(f"robots.{name}.plugins.{simulator}", message)
+            raise file_error(_NAME, message, f"robots.{name}.plugins.{simulator}")
         robot["plugins"] = {simulator: settings, **plugins}
     return robot
 
@@ -84,7 +84,8 @@ def _start(robot: str, start: object) -> object:
     if not isinstance(start, list | tuple):
         return start
     if len(start) not in (2, 3):
-        raise _wrong(f"robots.{robot}.start", f"must be (x_m, y_m) or (x_m, y_m, yaw_deg), not {start!r}")
+        message = f"must be (x_m, y_m) or (x_m, y_m, yaw_deg), not {start!r}"
+        raise file_error(_NAME, message, f"robots.{robot}.start")
     return dict(zip(("x_m", "y_m", "yaw_deg"), start, strict=False))
 
 
@@ -96,9 +97,5 @@ def _world(world: World) -> WorldModel:
     file = bundled_path("fleets/worlds") / f"{world}.yaml"
     if not file.is_file():
         known = did_you_mean(world, (file.stem for file in file.parent.glob("*.yaml")))
-        raise _wrong("world", f"there is no bundled world {world!r}{known}")
+        raise file_error(_NAME, f"there is no bundled world {world!r}{known}", "world")
     return load_world(file)
-
-
-def _wrong(path: str, message: str) -> ConfigError:
-    return ConfigError([Problem(_NAME, 0, 0, path, message)])

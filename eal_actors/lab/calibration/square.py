@@ -15,7 +15,7 @@ from statistics import fmean, variance
 from typing import Final, Literal, TypeAlias
 
 from eal_actors.device.differential_base import NOMINAL, WheelCalibration
-from eal_actors.kernel.errors import ArgumentError, ConfigError, Problem, unwritable_error
+from eal_actors.kernel.errors import ArgumentError, ConfigError, Problem, file_error, writing
 
 Pose: TypeAlias = tuple[float, float, float]
 """x and y in metres, yaw in radians, counter-clockwise and unwrapped."""
@@ -139,7 +139,7 @@ def read_square_ends(file: Path) -> SquareEnds:
     try:
         return SquareEnds(ends["cw"], ends["ccw"])
     except ArgumentError as error:
-        raise ConfigError([Problem(str(file), 0, 0, "", error.message)]) from None
+        raise file_error(file, error.message) from None
 
 
 def _rows(file: Path) -> Iterable[tuple[int, dict[str, str]]]:
@@ -154,7 +154,7 @@ def _rows(file: Path) -> Iterable[tuple[int, dict[str, str]]]:
             return [(reader.line_num, row) for row in reader]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise ConfigError([Problem(str(file), 0, 0, "", f"cannot be read: {reason}")]) from error
+        raise file_error(file, f"cannot be read: {reason}") from error
 
 
 def write_square_ends(ends: SquareEnds, file: Path) -> None:
@@ -163,10 +163,7 @@ def write_square_ends(ends: SquareEnds, file: Path) -> None:
     Raises:
         ConfigError: the file cannot be written.
     """
-    try:
-        with file.open("w", encoding="utf-8", newline="") as stream:
-            writer = csv.writer(stream)
-            writer.writerow(_COLUMNS)
-            writer.writerows((way, f"{x_m:.4f}", f"{y_m:.4f}") for way in WAYS for x_m, y_m in ends.of(way))
-    except OSError as error:
-        raise unwritable_error(file, error) from error
+    with writing(file), file.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(_COLUMNS)
+        writer.writerows((way, f"{x_m:.4f}", f"{y_m:.4f}") for way in WAYS for x_m, y_m in ends.of(way))

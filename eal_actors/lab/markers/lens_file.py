@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import yaml
 
-from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.errors import ConfigError, Problem, file_error
 from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_source import parse_yaml
 from eal_actors.kernel.yaml_tree import Mark, MarkedDict, YamlTree
@@ -60,7 +60,7 @@ def find_camera(fleet: FleetConfig, wanted: str | None) -> FleetCamera:
     else:
         hint = did_you_mean(str(wanted), [*found, *(one.name for one in found.values())])
         message = f"has no camera '{wanted}'{hint or '; it has: ' + ', '.join(found)}"
-    raise ConfigError([Problem(str(fleet.source), 0, 0, "", message)])
+    raise file_error(fleet.source, message)
 
 
 def _cameras(fleet: FleetConfig) -> Iterator[FleetCamera]:

@@ -19,7 +19,7 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.errors import BusyError, ConfigError, DeadlineError, Problem, ScenarioError
+from eal_actors.kernel.errors import BusyError, ConfigError, DeadlineError, Problem, ScenarioError, file_error
 from eal_actors.kernel.strict_model import problems_from
 from eal_actors.kernel.yaml_source import LARGE, parse_yaml
 from eal_actors.scenario import Plan, Scenario, Timeline, TimelineEntry, make_plan, parse_scenario
@@ -42,7 +42,7 @@ def read_plan(text: str, parameters: Mapping[str, object]) -> Scenario:
     if any("\ud800" <= one <= "\udfff" for one in json.dumps(dict(parameters), ensure_ascii=False)):
         raise ConfigError([Problem(_FILE, 1, 1, "parameters", "one has half a character (a surrogate)")])
     if len(text) > MAX_TEXT:
-        raise ConfigError([Problem(_FILE, 0, 0, "", f"has {len(text)} characters; at most {MAX_TEXT}")])
+        raise file_error(_FILE, f"has {len(text)} characters; at most {MAX_TEXT}")
     tree = parse_yaml(text, _FILE, limits=LARGE)
     try:
         file = ScenarioFile.model_validate(tree.root)

@@ -19,7 +19,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 from websockets.protocol import State
 
-from eal_actors.kernel.errors import ConfigError, Problem, UnavailableError, error_text
+from eal_actors.kernel.errors import UnavailableError, error_text, file_error
 from eal_actors.kernel.log import get_logger
 from eal_actors.operate.dashboard.limits import MAX_MESSAGE_BYTES
 from eal_actors.operate.dashboard.notifier import Notifier
@@ -59,7 +59,7 @@ def listen_at(host: str, port: int) -> socket.socket:
     except OSError as error:
         if opened is not None:
             opened.close()
-        raise ConfigError([Problem(f"{host}:{port}", 0, 0, "", f"cannot listen there: {error.strerror}")]) from None
+        raise file_error(f"{host}:{port}", f"cannot listen there: {error.strerror}") from None
     return opened
 
 
@@ -75,7 +75,7 @@ def tls_context(certificate: Path, key: Path) -> ssl.SSLContext:
         context.load_cert_chain(certificate, key)
     except OSError as error:  # ssl.SSLError too
         why = error.strerror or str(error)
-        raise ConfigError([Problem(str(certificate), 0, 0, "", f"cannot be used for HTTPS: {why}")]) from error
+        raise file_error(certificate, f"cannot be used for HTTPS: {why}") from error
     return context
 
 

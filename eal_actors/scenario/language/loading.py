@@ -11,7 +11,7 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from eal_actors.kernel.bundled import find_file, short_path
-from eal_actors.kernel.errors import ArgumentError, ConfigError, Problem
+from eal_actors.kernel.errors import ArgumentError, ConfigError, Problem, file_error
 from eal_actors.kernel.strict_model import problems_from
 from eal_actors.kernel.yaml_source import LARGE, parse_yaml, read_file
 from eal_actors.kernel.yaml_tree import format_path
@@ -189,9 +189,9 @@ class _Loader:
         real = path.resolve()
         if real in self._open:
             circle = " -> ".join(open_path.name for open_path in [*self._open[self._open.index(real) :], real])
-            raise ConfigError([Problem(str(path), 0, 0, "", f"includes itself: {circle}")])
+            raise file_error(path, f"includes itself: {circle}")
         if len(self._open) >= MAX_PARTS_DEEP:
-            raise ConfigError([Problem(str(path), 0, 0, "", f"is the {MAX_PARTS_DEEP + 1}th scenario inside another")])
+            raise file_error(path, f"is the {MAX_PARTS_DEEP + 1}th scenario inside another")
         if real not in self._done:
             try:
                 self._done[real] = self.load(path, str(path), {})
