@@ -5,6 +5,7 @@ from __future__ import annotations
 import heapq
 import itertools
 import threading
+from collections.abc import Callable
 
 from typing_extensions import override
 
@@ -29,7 +30,7 @@ class ManualClock(Clock):
         return self._now
 
     @override
-    def wait(self, waiter: threading.Lock, timeout_s: float | None) -> bool:
+    def wait(self, waiter: threading.Lock, timeout_s: float | None, serve: Callable[[], float] | None = None) -> bool:
         if timeout_s is None:
             return waiter.acquire()
         expired = [False]

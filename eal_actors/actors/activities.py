@@ -15,8 +15,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from eal_actors.actors.actor import AbandonedThread, EALActor, Inbox
+from eal_actors.actors.actor import AbandonedThread, EALActor
 from eal_actors.actors.call import MOTION_METHODS, Call, ResourceCell
+from eal_actors.actors.inbox import Inbox
 from eal_actors.device.resource import Activity, Progress, Resource
 from eal_actors.kernel import log
 from eal_actors.kernel.clock import ROUNDING_S, Timer

@@ -1,23 +1,18 @@
-"""The base of our actors and its mailbox: a Pykka actor with our inbox, our futures and a thread that can be joined.
+"""The base of our actors: a Pykka actor with our inbox, our futures and a thread that can be joined.
 
 Pykka's inboxes are unbounded queues, its actors cannot be joined or abandoned, and a `BaseException` in one of them
 stops every actor of the process. All of that is replaced here, through Pykka's own hooks (pinned by
 tests/actors/test_pykka_facts.py).
-
-The mailbox has a bounded normal lane, an urgent lane and timers. Urgent messages come first. Then come due timers and
-the normal lane; a timer set after the oldest waiting call lets that call go first, so that timers that are always due
-cannot starve the calls. Each lane is first in, first out.
 """
 
 from __future__ import annotations
 
 import contextlib
-import itertools
-import math
+import contextvars
 import threading
-from collections import deque
 from collections.abc import Callable
-from typing import Any, ClassVar, Final, Protocol, Self
+from functools import partial
+from typing import Any, ClassVar, Final, Self
 
 import pykka
 from pykka._envelope import Envelope as PykkaEnvelope
@@ -25,216 +20,14 @@ from pykka.messages import _ActorStop
 from typing_extensions import override
 
 from eal_actors.actors.future import Future
-from eal_actors.kernel.clock import ROUNDING_S, Clock, Timer, TimerHeap, new_waiter
-from eal_actors.kernel.errors import BusyError, EALError, UnavailableError, error_text
+from eal_actors.actors.inbox import Action, Inbox
+from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.errors import EALError, UnavailableError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.kernel.unwinding import raise_in
 
 UNWIND_S: Final = 0.5
 """Real time that an abandoned thread has to unwind before another thread halts its resource."""
-
-
-class Envelope(Protocol):
-    """An entry of an inbox: Pykka's envelope, a Call or an Action, which are their own envelopes."""
-
-    @property
-    def message(self) -> Any:
-        """The message to handle."""
-        ...
-
-    @property
-    def reply_to(self) -> Any:
-        """Pykka's future for the answer, or None."""
-        ...
-
-
-class Action(Timer):
-    """A timer in an inbox: its own envelope and its own message."""
-
-    __slots__ = ()
-
-    reply_to = None
-
-    @property
-    def message(self) -> Action:
-        """The message of this envelope: the action itself."""
-        return self
-
-
-class Inbox:
-    """A mailbox for one reading thread and any number of writing ones; see the module.
-
-    `put` never blocks: a full lane raises BusyError at once.
-
-    Args:
-        capacity: the most envelopes that may wait in a lane.
-    """
-
-    def __init__(self, clock: Clock, capacity: int = 256) -> None:
-        self.clock = clock
-        self.capacity = capacity
-        self._lock = threading.Lock()
-        self._wakeup = new_waiter()
-        self._reader_waits = False
-        self._wakes_at_s = math.inf
-        self._borrower: object = None
-        self._urgent: deque[Envelope] = deque()
-        self._normal: deque[tuple[int, Envelope]] = deque()
-        self._timers: TimerHeap[Action] = TimerHeap()
-        self._order = itertools.count()
-        self._closed_by: EALError | None = None
-
-    def __len__(self) -> int:
-        return len(self._urgent) + len(self._normal)
-
-    def empty(self) -> bool:
-        """Return whether no envelope waits; timers do not count. Thread: any."""
-        return not self._urgent and not self._normal
-
-    def waiting(self) -> list[Envelope]:
-        """Return the envelopes that wait, the urgent ones first, without timers. Thread: any; never blocks."""
-        with self._lock:
-            return self._envelopes()
-
-    def _envelopes(self) -> list[Envelope]:
-        return [*self._urgent, *(envelope for _, envelope in self._normal)]
-
-    def put(self, envelope: Envelope) -> None:
-        """Add to the normal lane.
-
-        Raises:
-            BusyError: the lane is full.
-            EALError: the inbox was closed with this error.
-
-        Thread: any; never blocks.
-        """
-        with self._lock:
-            if self._closed_by is not None:
-                raise self._closed_by.copy()
-            if len(self._normal) >= self.capacity:
-                raise BusyError(f"its mailbox is full ({self.capacity} calls wait)")
-            self._normal.append((next(self._order), envelope))
-            if self._reader_waits:  # as _wake_reader
-                self.clock.wake(self._wakeup)
-                self._reader_waits = False
-
-    def put_urgent(
-        self, envelope: Envelope, *, bounded: bool = True, drop: Callable[[Envelope], bool] | None = None
-    ) -> list[Envelope]:
-        """Add to the urgent lane.
-
-        Args:
-            envelope: the envelope.
-            bounded: whether a full lane refuses it; a stop is never refused.
-            drop: selects envelopes of the normal lane to take out in the same instant; None for none.
-
-        Returns:
-            The envelopes taken out.
-
-        Raises:
-            BusyError: the lane is full of calls.
-            EALError: the inbox was closed with this error.
-
-        Thread: any; never blocks.
-        """
-        with self._lock:
-            if self._closed_by is not None:
-                raise self._closed_by.copy()
-            if bounded and len(self._urgent) >= self.capacity and self._count_urgent_calls() >= self.capacity:
-                raise BusyError(f"its mailbox is full ({self.capacity} urgent calls wait)")
-            dropped: list[Envelope] = []
-            if drop is not None and self._normal:
-                dropped = [waiting for _, waiting in self._normal if drop(waiting)]
-                if dropped:
-                    self._normal = deque(entry for entry in self._normal if not drop(entry[1]))
-            self._urgent.append(envelope)
-            self._wake_reader()
-        return dropped
-
-    def _count_urgent_calls(self) -> int:
-        """Return how many calls wait in the urgent lane; the actor's own actions do not count."""
-        return sum(type(envelope) is not Action for envelope in self._urgent)
-
-    def call_at(self, time_s: float, action: Callable[[], None]) -> Action:
-        """Run the action in the reading thread when the clock shows `time_s`. Thread: any; never blocks."""
-        with self._lock:
-            timer = Action(time_s, next(self._order), action)
-            self._timers.add(timer)
-            if time_s < self._wakes_at_s:  # otherwise the reader wakes up in time by itself
-                self._wake_reader()
-        return timer
-
-    def call_soon(self, action: Callable[[], object]) -> None:
-        """Run the action in the reading thread before everything that waits; a full lane does not refuse it.
-
-        Raises:
-            EALError: the inbox was closed with this error.
-
-        Thread: any; never blocks.
-        """
-        self.put_urgent(Action(0.0, 0, action), bounded=False)
-
-    def call_later(self, delay_s: float, action: Callable[[], None]) -> Action:
-        """Run the action in the reading thread after a delay. Thread: any; never blocks."""
-        return self.call_at(self.clock.now() + delay_s, action)
-
-    def get(self) -> Envelope:
-        """Wait for the next envelope. Thread: the one reader; blocks it."""
-        while True:
-            with self._lock:
-                self._reader_waits = False
-                timer, timeout_s = None, None
-                if self._borrower is None:
-                    if self._urgent:
-                        return self._urgent.popleft()
-                    if self._timers.heap and (timer := self._timers.first()) is not None:
-                        timeout_s = timer.time_s - self.clock.now()
-                        if timeout_s <= ROUNDING_S and not (self._normal and self._normal[0][0] < timer.order):
-                            self._timers.pop()
-                            return timer
-                    if self._normal:
-                        return self._normal.popleft()[1]
-                self._reader_waits = True
-                self._wakes_at_s = math.inf if timer is None else timer.time_s
-            self.clock.wait(self._wakeup, timeout_s)
-
-    def borrow(self, borrower: object) -> bool:
-        """Take the reader's place while it waits and nothing else does; return whether the caller has it now.
-
-        The reader returns no envelope until `give_back`. Thread: any; never blocks.
-        """
-        with self._lock:
-            if not self._reader_waits or self._borrower is not None or self._urgent or self._normal:
-                return False
-            if self._wakes_at_s - self.clock.now() <= ROUNDING_S:  # a timer is due
-                return False
-            self._borrower = borrower
-        return True
-
-    def give_back(self, borrower: object) -> None:
-        """End `borrow`, if that borrower has the reader's place. Thread: the one that borrowed it; never blocks."""
-        with self._lock:
-            if self._borrower is borrower:
-                self._borrower = None
-                timer = self._timers.first()
-                if self._urgent or self._normal or (timer is not None and timer.time_s < self._wakes_at_s):
-                    self._wake_reader()
-
-    def close(self, error: EALError) -> list[Envelope]:
-        """Refuse all further envelopes with the error, the first one given; return those that waited. Thread: any."""
-        with self._lock:
-            self._closed_by = self._closed_by or error
-            waiting = self._envelopes()
-            self._urgent.clear()
-            self._normal.clear()
-            self._timers.clear()
-            self._wake_reader()
-        return waiting
-
-    def _wake_reader(self) -> None:
-        if self._reader_waits:
-            self.clock.wake(self._wakeup)  # first: Ctrl-C may strike in between, and one wake-up too many is harmless
-            self._reader_waits = False
 
 
 class AbandonedThread(BaseException):
@@ -253,6 +46,9 @@ class EALActor(pykka.ThreadingActor):
 
     # A stuck handler must not keep the process alive; the code that starts actors stops and joins them.
     use_daemon_thread: ClassVar[bool] = True
+
+    _context: contextvars.Context
+    """Of its thread, for code that other threads run in its place; set by a subclass that allows that."""
 
     actor_inbox: Inbox  # type: ignore[assignment]  # Pykka's protocol names its own envelope class
 
@@ -330,6 +126,42 @@ class EALActor(pykka.ThreadingActor):
         if isinstance(message, _ActorStop):
             return super()._handle_receive(message)
         return self.on_receive(message)  # Pykka would check first whether a proxy sent it, and there are none
+
+    def serve_now(self, message: Any) -> bool:
+        """Handle a message in the caller's thread, in this actor's place, if the actor is idle; else return False.
+
+        The mailbox's order holds: the actor is idle when nothing waits and no timer is due, and handles nothing else
+        until the message is handled.
+
+        Thread: any.
+        """
+        inbox = self.actor_inbox
+        try:
+            if not inbox.borrow(message):
+                return False
+            self._handle_here(message)
+        finally:
+            inbox.give_back(message)
+        return True
+
+    def serve_timers(self) -> float:
+        """Run the due timers in the caller's thread, as `serve_now` does; return the time of the next. Thread: any."""
+        inbox, visit = self.actor_inbox, object()
+        while (timer := inbox.borrow_timer(visit)) is not None:
+            try:
+                self._handle_here(timer)
+            finally:
+                inbox.give_back(visit)
+        return inbox.set_reader_time()
+
+    def _handle_here(self, message: Any) -> None:
+        try:
+            self._context.run(self._handle_receive, message)
+        except (KeyboardInterrupt, AbandonedThread):  # they are meant for the caller
+            raise
+        except BaseException as error:  # noqa: BLE001  # a plugin may raise anything, which crashes its actor alone
+            with contextlib.suppress(EALError):  # it has stopped
+                self.actor_inbox.call_soon(partial(self.crash, error))
 
     def crash(self, error: BaseException) -> None:
         """Stop this actor because of an error and report it. Thread: the actor's own."""

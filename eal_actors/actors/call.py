@@ -10,9 +10,9 @@ from typing import Any, Final, Protocol, TypeAlias, TypeVar
 
 from typing_extensions import override
 
-from eal_actors.actors.actor import Envelope, Inbox
 from eal_actors.actors.feeds import Feed, Sink, StreamSpec
 from eal_actors.actors.future import CallSoon, Future
+from eal_actors.actors.inbox import Envelope, Inbox
 from eal_actors.device.info import ResourceInfo
 from eal_actors.device.link import FaultyLink
 from eal_actors.device.resource import Progress, Resource

@@ -8,7 +8,6 @@ import math
 import types
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, Final, NamedTuple
 
 from typing_extensions import override
@@ -119,6 +118,7 @@ class ResourceActor(ReadinessActor):
             resource.open()
             self._is_open = True
             self.any_thread = resource.any_thread
+            self.actor_inbox.serve = self.serve_timers if self.any_thread else None
             self.glances = type(resource).glance is not Resource.glance
             info = resource.info()
             self._info = info
@@ -237,27 +237,6 @@ class ResourceActor(ReadinessActor):
     def _handle_receive(self, message: Any) -> Any:
         """Run a call. Thread: the actor's own."""
         return self._execute(message) if isinstance(message, Call) else super()._handle_receive(message)
-
-    def serve_now(self, call: Call[Any]) -> bool:
-        """Run a call in the caller's thread, in this actor's place, if the actor is idle; else return False.
-
-        The mailbox's order holds: the actor is idle when nothing waits and no timer is due, and handles nothing else
-        until the call has run.
-
-        Thread: any.
-        """
-        inbox = self.actor_inbox
-        try:
-            if not inbox.borrow(call):
-                return False
-            self._context.run(self._execute, call)
-        except KeyboardInterrupt:  # it is the caller's
-            raise
-        except BaseException as error:  # noqa: BLE001  # a plugin may raise anything, which crashes its actor alone
-            inbox.call_soon(partial(self.crash, error))
-        finally:
-            inbox.give_back(call)
-        return True
 
     def _execute(self, call: Call[Any]) -> None:
         deadline_s = call.deadline_s or 0.0

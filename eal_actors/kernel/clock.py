@@ -68,12 +68,15 @@ class Clock(ABC):
         """Return the seconds since the clock was made. Never goes backwards. Thread: any."""
 
     @abstractmethod
-    def wait(self, waiter: threading.Lock, timeout_s: float | None) -> bool:
+    def wait(self, waiter: threading.Lock, timeout_s: float | None, serve: Callable[[], float] | None = None) -> bool:
         """Block until the waiter is released or the time-out passes.
 
         Args:
             waiter: a held lock, see `new_waiter`. It is held again when this returns True.
             timeout_s: seconds of this clock, or None for no limit.
+            serve: does what the caller would do after the time-out, and returns the time of the next one, infinity for
+                none. The clock may call it in another thread that waits with a `serve` of its own, and let the caller
+                wait on. It must not wait.
 
         Returns:
             True if the waiter was released, False if the time passed. A waiter may be released without need:
@@ -250,7 +253,7 @@ class ScaledClock(Clock):
         return (time.monotonic() - self.start_s) * self.rate
 
     @override
-    def wait(self, waiter: threading.Lock, timeout_s: float | None) -> bool:
+    def wait(self, waiter: threading.Lock, timeout_s: float | None, serve: Callable[[], float] | None = None) -> bool:
         if timeout_s is None:
             return acquire_alert(waiter, threading.TIMEOUT_MAX)
         return acquire_alert(waiter, timeout_s / self.rate if timeout_s > 0 else 0.0)

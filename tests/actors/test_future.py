@@ -9,9 +9,9 @@ import pykka
 import pytest
 from structlog.testing import capture_logs
 
-from eal_actors.actors.actor import Inbox
 from eal_actors.actors.combine import as_completed, first, gather
 from eal_actors.actors.future import Future
+from eal_actors.actors.inbox import Inbox
 from eal_actors.kernel.clock import SystemClock
 from eal_actors.kernel.errors import CallCancelledError, CallError, DeadlineError, UnavailableError, WaitTimeoutError
 from tests.manual_clock import ManualClock

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eal_actors.actors.actor import Inbox
+from eal_actors.actors.inbox import Inbox
 from eal_actors.kernel.clock import SystemClock, Timer
 from eal_actors.kernel.errors import BusyError, UnavailableError
 from tests.manual_clock import ManualClock

@@ -22,8 +22,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from eal_actors import Fleet
-from eal_actors.actors.actor import Inbox
 from eal_actors.actors.future import Future
+from eal_actors.actors.inbox import Inbox
 from eal_actors.actors.resource_actor import ResourceActor
 from eal_actors.wire.rpc.client.controller import Controller
 from eal_actors.wire.rpc.server.host import RobotHost

@@ -17,8 +17,8 @@ from typing import Any, Final, NoReturn
 
 from typing_extensions import override
 
-from eal_actors.actors.actor import Envelope
 from eal_actors.actors.call import Call
+from eal_actors.actors.inbox import Envelope
 from eal_actors.device.data import EALData, Payload
 from eal_actors.device.resource import Progress
 from eal_actors.kernel.clock import REAL_TIME

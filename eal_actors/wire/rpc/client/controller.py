@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 from typing_extensions import override
 
-from eal_actors.actors.actor import EALActor, Inbox
+from eal_actors.actors.actor import EALActor
+from eal_actors.actors.inbox import Inbox
 from eal_actors.actors.robot_view import process_name
 from eal_actors.device.data import Payload
 from eal_actors.kernel.clock import REAL_TIME, Clock

@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 from typing_extensions import override
 
-from eal_actors.actors.actor import Action, EALActor
+from eal_actors.actors.actor import EALActor
 from eal_actors.actors.handles import RobotHandle
+from eal_actors.actors.inbox import Action
 from eal_actors.device.data import Payload
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import BusyError, EALError, ProtocolError, UnsupportedError, error_text
