@@ -153,7 +153,8 @@ class Resource:
         value: type, unit and range of get_value and set_value, checked on every call if it is given.
         description: one line for people; the class's docstring's first line if empty.
         any_thread: whether its methods may run in any thread, one at a time, because they only compute. A caller that
-            finds the actor idle may then run a call itself, which spares two thread switches.
+            finds the actor idle may then run a call itself, which spares two thread switches. In lock step, one thread
+            also takes the steps of all such resources' activities.
         name: the resource's name on its robot, set by the framework before `open`.
 
     Thread: every method runs in the resource's own actor, except with `any_thread`; none may block long.

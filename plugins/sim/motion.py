@@ -7,7 +7,7 @@ robot. Everything here is pure and counts in physics ticks. No clock is read.
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from typing_extensions import override
@@ -16,6 +16,9 @@ from eal_actors.plugin import MOST_SLIP_M, MOST_TURN_SLIP_M, WheelCalibration
 
 from .arena import Pose2D
 from .models import Make
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 NOMINAL: Final = WheelCalibration()
 """The calibration of wheels without known errors."""
@@ -301,18 +304,18 @@ class NormalNumbers:
     def next(self) -> float:
         """Return the next number."""
         if not self._left:
-            self._left = self.block()[::-1]
+            self._left = self.block()[::-1].tolist()
         return self._left.pop()
 
-    def block(self) -> list[float]:
+    def block(self) -> NDArray[np.float64]:
         """Return the block after everything drawn so far."""
-        return list(self._generator.standard_normal(NORMALS_BLOCK).tolist())
+        return self._generator.standard_normal(NORMALS_BLOCK)
 
     def take_all(self, more_than: int) -> list[float]:
         """Take the numbers that are drawn; draw more until they are more than a count."""
         taken, self._left = self._left[::-1], []
         while len(taken) <= more_than:
-            taken += self.block()
+            taken += self.block().tolist()
         return taken
 
     def put_back(self, numbers: list[float]) -> None:

@@ -22,7 +22,7 @@ from eal_actors.device.world import WorldModel
 from .arena import Pose2D, QuerySpace, add_solids, distances_to_drops_m
 from .boxes import SimBox
 from .free_robots import FreeRobots
-from .models import MAKES
+from .models import MAKES, Make
 from .robot import SimRobot
 
 if TYPE_CHECKING:
@@ -36,11 +36,11 @@ _SUBSTEPS: Final = 10
 _SLOP_M: Final = 0.0005  # how far shapes may overlap before they are pushed apart
 _ROBOT_FRICTION: Final = 0.3
 _FREE_M: Final = 1e-9  # rounding: a robot that the engine moved as predicted touched nothing
-_SEARCH_M: Final = 1.0  # search radius around a robot
+_SEARCH_M: Final = 2.0  # search radius around a robot
 _RECEDES_M: Final = 1e-9  # an approach by less than this is no contact
 _ROWS: Final = 32  # of a table of distances, computed at once: more would not fit a processor's cache
-_WIDEST_M: Final = max(make.radius_m for make in MAKES.values())
-_FASTEST_M_S: Final = 1.2 * max(make.max_speed_m_s for make in MAKES.values())  # with wheel errors and pushed boxes
+_ERRORS: Final = 1.2  # a robot's true speed over its make's greatest, at most: with wheel errors and pushed boxes
+_FASTEST_M_S: Final = _ERRORS * max(make.max_speed_m_s for make in MAKES.values())
 
 
 class _PushingBody:
@@ -176,7 +176,13 @@ class ContactSearch:
 
     def __init__(self, engine: ContactEngine, tick_s: float) -> None:
         self._engine = engine
-        self._tick_m = _FASTEST_M_S * tick_s
+        self._tick_s = tick_s
+        self._tick_m = self._widest_m = 0.0
+
+    def expect(self, make: Make) -> None:
+        """Expect robots of a make. How long others stay clear must be found anew."""
+        self._tick_m = max(self._tick_m, _ERRORS * make.max_speed_m_s * self._tick_s)
+        self._widest_m = max(self._widest_m, make.radius_m)
 
     def search(self, driven: Sequence[SimRobot], together: FreeRobots[SimRobot], tick: int, end: int) -> None:
         """Find out how long robots stay clear of everything, unless that is known up to a tick.
@@ -196,8 +202,8 @@ class ContactSearch:
                 places = np.concatenate([places, together.places()])
             rows = [numbers[robot] if robot.free is None else len(alone) + together.column_of(robot) for robot in due]
             between_m = _nearest_m(places, rows)
-            for robot, middle_m in zip(due, between_m, strict=True):
-                self._note(robot, robot.pose, middle_m, tick)
+            for robot, place, middle_m in zip(due, map(tuple, places[rows].tolist()), between_m, strict=True):
+                self._note(robot, place, middle_m, tick)
 
     def find(
         self,
@@ -228,21 +234,22 @@ class ContactSearch:
         near = []
         for number, middle_m in zip(due, between_m, strict=True):
             robot = driven[number]
-            if not self._note(robot, robot.next_pose, middle_m - ahead * self._tick_m, tick):
+            if not self._note(robot, robot.next_pose[:2], middle_m - ahead * self._tick_m, tick):
                 near.append(robot)
         return self._among(near) if near else []
 
-    def _note(self, robot: SimRobot, pose: Pose2D, between_m: float, tick: int) -> bool:
+    def _note(self, robot: SimRobot, place: tuple[float, ...], between_m: float, tick: int) -> bool:
         """Record how long a robot stays clear; return whether it is clear in this tick.
 
         Args:
             robot: the robot.
-            pose: its pose at that tick.
+            place: where it is at that tick.
             between_m: distance from its centre to the nearest centre of another driven robot.
             tick: the tick.
         """
-        hit = self._engine.space.point_query_nearest(pose[:2], _SEARCH_M, robot.filter)
-        gap_m = min(between_m - _WIDEST_M, hit.distance if hit else _SEARCH_M) - robot.make.radius_m
+        reach_m = min(between_m - self._widest_m, _SEARCH_M)
+        hit = self._engine.space.point_query_nearest(place, max(reach_m, 0.0), robot.filter)  # type: ignore[arg-type]
+        gap_m = min(reach_m, hit.distance if hit else reach_m) - robot.make.radius_m
         is_clear = gap_m > 2 * self._tick_m
         if is_clear:
             robot.clear_until_tick = tick + int(gap_m / (2 * self._tick_m)) - 1

@@ -343,6 +343,7 @@ class SimWorld:
             self._queries.add_disc(robot, robot.name, robot.make.radius_m, robot.filter)
             self._placed += (robot,)
         self._engine.settle(robot)
+        self._contacts.expect(robot.make)
         for known in self._robots.values():
             known.clear_until_tick = 0
         if self._proximity is not None:

@@ -183,3 +183,54 @@ def test_a_command_to_many_runs_here_and_a_stop_goes_first() -> None:
         assert [free.threads for free in frees] == [[my_name()], [my_name()]]
         assert gather(calls).get() == [7, 7]
         assert [free.threads[1] for free in frees] == ["robot/A", "robot/B"]
+
+
+class Beat(Counter):
+    """Notes the thread of each of its beats."""
+
+    @command("beat")
+    def beat(self) -> Generator[float, None, int]:
+        for _ in range(4):
+            yield 0.5
+            if self.raises is not None:
+                raise self.raises
+            self.threads.append(threading.current_thread().name)
+        return 4
+
+
+class BoundBeat(Beat):
+    """Must have its own thread."""
+
+    any_thread = False
+
+
+@pytest.mark.parametrize("kind", [Beat, BoundBeat])
+def test_in_lock_step_one_thread_takes_the_steps_of_all_resources_that_allow_that(kind: type[Beat]) -> None:
+    clock, beats = LockStepClock(), {f"Beat{number}": kind() for number in range(20)}
+    clock.sleep(0)
+    makers: dict[str, Any] = {name: (lambda beat=beat: beat) for name, beat in beats.items()}
+    with running_robot(makers, clock=clock) as robot:
+        running = [robot[name].send_cmd("beat") for name in beats]
+        assert gather(running).get() == [4] * 20
+        assert clock.now() == 2.0
+    threads = {thread for beat in beats.values() for thread in beat.threads}
+    assert len(threads) == (20 if kind is BoundBeat else 1)
+
+
+def test_a_crash_in_the_thread_of_another_resource_is_its_own() -> None:
+    clock, healthy, broken = LockStepClock(), Beat(), Beat()
+    clock.sleep(0)
+    with running_robot({"Healthy": lambda: healthy, "Broken": lambda: broken}, clock=clock) as robot:
+        beats = [
+            robot[name].send_cmd("beat") for name in ("Broken", "Healthy")
+        ]  # the last one to wait serves the other
+        clock.sleep(0.75)
+        broken.raises = SystemExit(3)
+        error = beats[0].exception()
+        assert isinstance(error, ResourceFaultError)
+        assert "Broken" in str(error)
+        assert beats[1].get() == 4
+        assert set(broken.threads) == {"robot/Healthy"}
+        broken.raises = None
+        assert robot["Broken"].send_cmd("beat").get() == 4  # it has been started anew
+        assert robot.restarts == {"Broken": 1}

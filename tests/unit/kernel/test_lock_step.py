@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
 
@@ -271,3 +272,87 @@ def test_a_rate_makes_its_clock() -> None:
     scaled = clock_of(3.0)
     assert isinstance(scaled, ScaledClock)
     assert scaled.of_real(2.0) == 6.0
+
+
+class Reader:
+    """Counts in steps of time, in its own thread or in that of another reader."""
+
+    def __init__(
+        self, clock: LockStepClock, name: str, period_s: float, steps: int, seen: list[tuple[str, float]]
+    ) -> None:
+        self.clock, self.name, self.period_s, self.steps, self.seen = clock, name, period_s, steps, seen
+        self.due_s, self.threads = period_s, set[str]()
+        self.waiter = new_waiter()
+
+    def serve(self) -> float:
+        """Count; return the time of the next count."""
+        if self.steps and self.clock.now() >= self.due_s:
+            self.threads.add(threading.current_thread().name)
+            self.seen.append((self.name, self.clock.now()))
+            self.steps -= 1
+            self.due_s += self.period_s
+            if not self.steps:
+                self.clock.wake(self.waiter)
+        return self.due_s if self.steps else math.inf
+
+    def read(self, *, alone: bool) -> None:
+        """Count until the steps are done."""
+        while self.steps:
+            is_woken = self.clock.wait(self.waiter, self.due_s - self.clock.now(), None if alone else self.serve)
+            if not is_woken:
+                self.serve()
+
+
+def counted(*, alone: bool) -> tuple[list[tuple[str, float]], set[str]]:
+    """Return what four readers have counted, and the threads in which they did."""
+    clock, seen = LockStepClock(), list[tuple[str, float]]()
+    readers = [
+        Reader(clock, name, period_s, 50, seen) for name, period_s in zip("abcd", (0.25, 0.5, 0.5, 0.75), strict=True)
+    ]
+    run_together(clock, *(lambda reader=reader: reader.read(alone=alone) for reader in readers))
+    return seen, {thread for reader in readers for thread in reader.threads}
+
+
+def test_a_thread_that_waits_serves_others_in_the_same_order() -> None:
+    alone, threads = counted(alone=True)
+    assert len(threads) == 4
+    together, threads = counted(alone=False)
+    assert together == alone
+    assert len(together) == 4 * 50
+    assert len(threads) < 4
+
+
+def test_a_served_thread_is_woken_when_it_is_asked_for() -> None:
+    clock, seen = LockStepClock(), list[tuple[str, float]]()
+    first, second = Reader(clock, "first", 0.5, 4, seen), Reader(clock, "second", 1.0, 1, seen)
+    heard: list[tuple[bool, float]] = []
+
+    def wait() -> None:
+        clock.wait(second.waiter, 1.0, second.serve)  # until `second` has counted, in the thread of `first`
+        heard.append((clock.wait(second.waiter, None, second.serve), clock.now()))
+
+    def wake() -> None:
+        clock.sleep(7.0)
+        clock.wake(second.waiter)
+
+    run_together(clock, lambda: first.read(alone=False), wait, wake)
+    assert second.threads == {"thread 0"}
+    assert heard == [(True, 7.0)]
+
+
+def test_an_exception_of_a_served_thread_is_the_servers_and_the_other_waits_on() -> None:
+    clock, heard = LockStepClock(), list[object]()
+
+    def explode() -> float:
+        raise ZeroDivisionError(threading.current_thread().name)
+
+    def serve_others() -> None:
+        with pytest.raises(ZeroDivisionError, match="thread 1"):
+            clock.wait(new_waiter(), 5.0, lambda: math.inf)
+        heard.append(clock.now())
+
+    def wait() -> None:
+        heard.append((clock.wait(new_waiter(), 1.0, explode), clock.now()))
+
+    run_together(clock, wait, serve_others)
+    assert heard == [1.0, (False, 1.0)]
