@@ -35,7 +35,8 @@ def serve_robot(
     """Run a robot in this process, and serve its resources at its address until Ctrl-C or SIGTERM.
 
     Controllers use the same fleet file. The robot halts when the command ends. SIGHUP reads the fleet file again.
-    Several robots share the process, each at its own address: so all robots and trackers of one simulated world.
+    Several robots share the process: so all robots and trackers of one simulated world. Those of one address share a
+    link.
 
     If other machines can reach the robot, and the fleet has neither an identity nor keys, an identity is written into
     the fleet file. Robots and controllers with another one do not hear each other.

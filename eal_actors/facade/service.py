@@ -33,6 +33,7 @@ class RobotService:
     Args:
         shared: a connected fleet of this process that has the robot, and that is not closed here; None for a fleet of
             the robot alone. See `serve_together`.
+        host: receives its calls, and is not closed here; None for a session and a host of its own.
 
     Attributes:
         endpoints: the endpoints that it listens on, or of the routers that it connects to.
@@ -44,7 +45,9 @@ class RobotService:
         ConfigError: the robot has no address, or no plugins.
     """
 
-    def __init__(self, config: FleetConfig, robot: str, shared: Fleet | None = None) -> None:
+    def __init__(
+        self, config: FleetConfig, robot: str, shared: Fleet | None = None, host: RobotHost | None = None
+    ) -> None:
         (wanted,) = EALConfigManager(config).select([robot])
         problem = ""
         if wanted.address is None:
@@ -60,7 +63,7 @@ class RobotService:
         self.is_behind_router: Final = wanted.address == BEHIND_ROUTER
         self._shares = shared is not None
         self._fleet = shared if shared is not None else Fleet(_local(config, [robot]))
-        self._host: RobotHost | None = None
+        self._host = host
         self._server: RobotServer | None = None
         self._server_lock = threading.Lock()
         self._stack = ExitStack()
@@ -88,14 +91,14 @@ class RobotService:
                 self._fleet.connect()
             self.robot.require_started()
             self._check_exclusive()
-            keeper = SessionKeeper(self._name, self._config.network, lambda: robot_config(self._config, self._name))
-            stack.callback(keeper.close)
-            self._host = RobotHost(self._config.network_name, keeper.open(), self._config.network, self._name).launch()
-            stack.callback(self._host.close, _CLOSE_S)
+            keeper = None
+            if self._host is None:
+                self._host, keeper = stack.enter_context(_hosting(self._config, [self._name]))
             stack.callback(self._close_server)
             self._serve(self._host)
             stack.callback(self._halt)
-            keeper.follow(self._host.move_to)
+            if keeper is not None:
+                keeper.follow(self._host.move_to)
             self._stack = stack.pop_all()
         return self
 
@@ -202,13 +205,50 @@ class RobotService:
 def serve_together(config: FleetConfig, robots: Sequence[str]) -> Iterator[tuple[RobotService, ...]]:
     """Serve robots that share this process, such as all robots and trackers of one simulated world.
 
+    Those of one address share a session too: calls that wait together to them travel in one message. With certificates
+    they cannot, as each has its own.
+
     Raises:
         EALError: as for RobotService.
 
     Thread: blocks the caller while it opens and closes.
     """
+    services = []
     with Fleet(_local(config, robots)).connect() as fleet, ExitStack() as stack:
-        yield tuple(stack.enter_context(RobotService(config, name, fleet)) for name in robots)
+        for neighbours in _neighbours(config, robots):
+            if len(neighbours) == 1:
+                services.append(stack.enter_context(RobotService(config, neighbours[0], fleet)))
+                continue
+            host, keeper = stack.enter_context(_hosting(config, neighbours))
+            services += [stack.enter_context(RobotService(config, name, fleet, host)) for name in neighbours]
+            keeper.follow(host.move_to)
+        yield tuple(sorted(services, key=lambda service: robots.index(service.robot.name)))
+
+
+def _neighbours(config: FleetConfig, robots: Sequence[str]) -> list[list[str]]:
+    """Return the robots that may share a session, in groups."""
+    if config.network.security is not None:
+        return [[name] for name in robots]
+    groups: dict[str | None, list[str]] = {}
+    for name in robots:
+        groups.setdefault(config.robots[name].listen or config.robots[name].address, []).append(name)
+    return list(groups.values())
+
+
+@contextmanager
+def _hosting(config: FleetConfig, robots: Sequence[str]) -> Iterator[tuple[RobotHost, SessionKeeper]]:
+    """Open the session of robots of one address, and receive their calls; its keeper does not watch it yet."""
+    name = robots[0]
+    keeper = SessionKeeper(name, config.network, lambda: robot_config(config, name))
+    try:
+        only = name if len(robots) == 1 else None
+        host = RobotHost(config.network_name, keeper.open(), config.network, only).launch()
+        try:
+            yield host, keeper
+        finally:
+            host.close(_CLOSE_S)
+    finally:
+        keeper.close()
 
 
 def _local(config: FleetConfig, robots: Iterable[str]) -> FleetConfig:

@@ -50,8 +50,12 @@ class _NetworkCheck:
                 yield self._tree.problem(("clock", "rate"), no_lock_step(remote[0]))
 
     def addresses(self) -> Iterator[Problem]:
-        """Yield the problems of the robots' addresses."""
-        owners: dict[str, str] = {}
+        """Yield the problems of the robots' addresses.
+
+        Robots of one numbered entry may have one address, at which one process serves them. With certificates they
+        cannot, as each has its own.
+        """
+        owners: dict[str, tuple[str, str]] = {}
         for name, (key, levels) in self._robots.items():
             address, listen = levels.get("address"), levels.get("listen")
             at: YamlPath = ("robots", key, "address")
@@ -66,8 +70,9 @@ class _NetworkCheck:
                 yield self._tree.problem(("robots", key, "listen"), hint, key=True)
             elif isinstance(listen, str):
                 yield from self._endpoint(listen, ("robots", key, "listen"))
-            if address != BEHIND_ROUTER and owners.setdefault(address, name) != name:
-                yield self._tree.problem(at, f"'{address}' is the address of '{owners[address]}' already")
+            owner, its_key = owners.setdefault(address, (name, key))
+            if address != BEHIND_ROUTER and owner != name and (its_key != key or self._security is not None):
+                yield self._tree.problem(at, f"'{address}' is the address of '{owner}' already")
 
     def _address(self, address: str, at: YamlPath) -> Iterator[Problem]:
         if address == BEHIND_ROUTER:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 import signal
+import threading
+from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,7 +15,10 @@ from eal_actors import Fleet
 from eal_actors.actors.robot_view import RobotState
 from eal_actors.facade.service import RobotService, serve_together
 from eal_actors.kernel.errors import ConfigError, UnsupportedError
-from tests.net.rig import Rig, becomes, process
+from eal_actors.wire.session import open_session, router_config
+from eal_actors.wire.transport import Transport
+from tests.net.links import free_port
+from tests.net.rig import WAIT_S, Rig, becomes, process, ready
 
 
 def rig_of(folder: Path) -> Rig:
@@ -38,6 +44,66 @@ def test_robots_of_one_process_meet_in_one_world(tmp_path: Path) -> None:
         assert math.hypot(x_m, y_m) < 0.29, "the other robot is in its way"
         server.signal(signal.SIGTERM)
         assert server.wait() == 0
+
+
+@pytest.mark.parametrize("behind", [None, "router"])
+def test_a_call_of_many_robots_costs_one_message_for_each_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, behind: str | None
+) -> None:
+    groups = [[f"{letter}{number}" for number in range(1, 5)] for letter in "abc"]
+    names = [name for group in groups for name in group]
+    router = f"tcp/127.0.0.1:{free_port()}"
+    entries = [f"{letter}{{n}}" for letter in "abc"]  # with one address each
+    rig = Rig(tmp_path, entries, {"routers": [router]} if behind else None, behind=behind)
+    for entry in rig.content["robots"].values():
+        entry["count"] = 4
+    rig.write()
+    sent: list[str] = []
+    put = Transport.put
+
+    def count(transport: Transport, key: str, *arguments: Any, **options: Any) -> bool:
+        if "/Arm/" in key:
+            sent.append(key)
+        return put(transport, key, *arguments, **options)
+
+    monkeypatch.setattr(Transport, "put", count)
+    with ExitStack() as stack:
+        if behind is not None:
+            stack.enter_context(open_session(router_config([router], fleet=rig.config)))
+        for group in groups:  # each like a process: it has a session of its own
+            services = stack.enter_context(serve_together(rig.config, group))
+            assert [service.robot.name for service in services] == group
+        fleet = stack.enter_context(ready(Fleet(rig.config)))
+        for step in range(3):
+            sent.clear()
+            gate = hold(fleet)
+            poses = fleet.read(fleet, "Arm")
+            gate.set()
+            assert list(poses.get(timeout=WAIT_S)) == names
+            assert len(sent) == len(groups)
+            sent.clear()
+            gate = hold(fleet)
+            steps = fleet.send(fleet, "Arm", f"step{step}")
+            gate.set()
+            assert steps.get(timeout=WAIT_S) == dict.fromkeys(names, step)
+            assert len(sent) == len(groups)
+        assert all(fleet[name]["Arm"].send_cmd("step9").get(timeout=WAIT_S) == 9 for name in names)
+    assert all([note.what for note in rig.notes("step", robot=name)] == ["0", "1", "2", "9"] for name in names)
+
+
+def hold(fleet: Fleet) -> threading.Event:
+    """Hold outgoing calls back until the event is set."""
+    gate = threading.Event()
+    robot: Any = next(iter(fleet.values()))
+    sender = robot._actor._controller.sender
+    sender.window.calls.add("held")  # as if a call were under way, so that no caller sends its own
+
+    def wait() -> None:
+        gate.wait(WAIT_S)
+        sender.window.answered("held")
+
+    sender.actor_inbox.call_soon(wait)
+    return gate
 
 
 def test_what_robots_of_one_process_cannot_do_is_refused(tmp_path: Path) -> None:

@@ -203,8 +203,15 @@ TLS = "network: {security: {roles: {controllers: [controller]}}}\n"
             ["2:84: robots.b.address: 'tcp/h:1' is the address of 'a' already"],
         ),
         (
-            f"robots: {{'b{{n}}': {{range: [7, 8], {PLUGINS}, address: 'tcp/h:1'}}}}",
-            ["2:61: robots.b{n}.address: 'tcp/h:1' is the address of 'b7' already"],
+            f"{TLS}robots: {{'b{{n}}': {{range: [7, 8], {PLUGINS}, address: 'tls/h:1'}}}}",
+            ["3:61: robots.b{n}.address: 'tls/h:1' is the address of 'b7' already"],
+        ),
+        (
+            (
+                f"robots: {{'b{{n}}': {{range: [7, 8], {PLUGINS}, address: 'tcp/h:1'}}, "
+                f"c: {{{PLUGINS}, address: 'tcp/h:1'}}}}"
+            ),
+            ["2:104: robots.c.address: 'tcp/h:1' is the address of 'b7' already"],
         ),
         (
             f"robots: {{'b{{n}}': {{range: [255, 256], {PLUGINS}, address: 'tcp/10.0.0.{{n}}:1'}}}}",

@@ -209,6 +209,8 @@ class RobotHost(EALActor):
                 return
             server = self._servers.get(route.call.robot)
             if envelope[:1] == BEGINS_PART:
+                if server is None:
+                    return
                 whole = self._parts.add(key, envelope, payload)
                 if whole is None:
                     return
