@@ -193,22 +193,18 @@ class CallServer(Protocol):
 
     def put(self, envelope: Call[Any], /) -> None:
         """Add a call to the normal lane; see `Inbox.put`. Thread: any; never blocks."""
-        ...
 
     def put_urgent(
         self, envelope: Call[Any], /, *, bounded: bool = True, drop: Callable[[Envelope], bool] | None = None
     ) -> list[Envelope]:
         """Add a call to the urgent lane; see `Inbox.put_urgent`. Thread: any; never blocks."""
-        ...
 
     @property
     def resource(self) -> Resource | None:
         """The resource itself while it is open."""
-        ...
 
     def stop_activity_of(self, call: Call[Any]) -> None:
         """Stop the activity of a call that nobody waits for. Thread: any; does not block."""
-        ...
 
 
 class StopLatch:

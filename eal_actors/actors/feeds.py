@@ -88,4 +88,3 @@ class Feed(Protocol):
 
     def close(self) -> None:
         """Stop delivering. Calling it twice is harmless. Thread: any; does not block."""
-        ...

@@ -41,7 +41,6 @@ class Timekeeper(Protocol):
 
     def call_at(self, time_s: float, action: Callable[[], None]) -> Timer:
         """Run the action in the keeper's thread when its clock shows `time_s`."""
-        ...
 
 
 class Future(pykka.Future[T]):

@@ -284,44 +284,33 @@ class RobotConnection(Protocol):
 
     def running(self) -> tuple[RunningCommand, ...]:
         """Return the running commands, as far as is known now."""
-        ...
 
     def ping(self) -> Future[Ping]:
         """Ask for the robot's state and the offset of its clock."""
-        ...
 
     def stop_now(self, reason: str) -> Future[None]:
         """Latch the emergency stop: halt everything that moves and refuse motions."""
-        ...
 
     def resume(self) -> Future[None]:
         """Release the emergency stop."""
-        ...
 
     def release(self, resources: Sequence[str], /) -> Future[None]:
         """Release resources that this process holds, so that other controllers may command them."""
-        ...
 
     def halt_before_end(self) -> None:
         """Halt everything that moves; `shut_down` follows, but other robots may have their turn before."""
-        ...
 
     def shut_down(self) -> None:
         """Stop every resource safely, and end. The second time it has no effect."""
-        ...
 
     def force_down(self) -> None:
         """Abandon every resource that has not stopped by itself."""
-        ...
 
     def abandon(self, error: EALError) -> None:
         """Abandon a stuck actor."""
-        ...
 
     def is_at_work(self) -> bool:
         """Return whether the caller runs in a thread of this robot, which cannot wait for its own end."""
-        ...
 
     def join(self, timeout_s: float) -> list[str]:
         """Wait (real time) for its threads; return the names of those still alive. Thread: blocks the caller."""
-        ...

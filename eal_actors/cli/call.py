@@ -10,9 +10,10 @@ import typer
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle
+from eal_actors.cli.completion import complete_resources, complete_robots
 from eal_actors.cli.exit_codes import SEE_BLOCKING
 from eal_actors.cli.fleets import find_resource, plugin_advice, read_fleet
-from eal_actors.cli.options import FleetOption, JsonOption, completed_resources, completed_robots
+from eal_actors.cli.options import FleetOption, JsonOption
 from eal_actors.cli.output import format_answer, to_json, write_json
 from eal_actors.device.data import EALData
 from eal_actors.device.info import unknown_name
@@ -62,12 +63,12 @@ _HALT_S: Final = 0.5  # real seconds within which a resource halts unless its ac
 def call_method(
     robot: Annotated[
         str,
-        typer.Argument(metavar="ROBOT", help="Name of the robot.", show_default=False, autocompletion=completed_robots),
+        typer.Argument(metavar="ROBOT", help="Name of the robot.", show_default=False, autocompletion=complete_robots),
     ],
     resource: Annotated[
         str,
         typer.Argument(
-            metavar="RESOURCE", help="Name of the resource.", show_default=False, autocompletion=completed_resources
+            metavar="RESOURCE", help="Name of the resource.", show_default=False, autocompletion=complete_resources
         ),
     ],
     method: Annotated[str, typer.Argument(metavar="METHOD", help=f"One of {', '.join(_METHODS)}.", show_default=False)],

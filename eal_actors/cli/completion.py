@@ -1,4 +1,7 @@
-"""Completion in the shell: names of fleets, scenarios, robots and resources. `eal --install-completion` installs it."""
+"""Completion in the shell: names of fleets, scenarios, robots and resources. `eal --install-completion` installs it.
+
+What takes long to load is loaded by the functions: every command imports this module, and only a shell calls it.
+"""
 
 from __future__ import annotations
 
@@ -6,16 +9,15 @@ import os
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
-from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.bundled import FLEET_VARIABLE, Kind, bundled_names
 from eal_actors.kernel.errors import EALError
-from eal_actors.managers.config import EALConfigManager
-from eal_actors.managers.fleet_model import FleetConfig, RobotConfig
-from eal_actors.managers.manifest import discover
-from eal_actors.managers.twins import simulated
+
+if TYPE_CHECKING:
+    from eal_actors.managers.fleet_model import FleetConfig, RobotConfig
 
 
 def complete_fleets(incomplete: str) -> list[str]:
@@ -41,6 +43,8 @@ def complete_resources(ctx: typer.Context, incomplete: str) -> list[str]:
     robot = None if fleet is None or name is None else fleet.robots.get(name)
     if fleet is None or robot is None:
         return []
+    from eal_actors.managers.manifest import discover
+
     manifests, _ = discover(fleet.plugin_dirs)
     found = [manifests[one.plugin].file.resources for one in robot.plugins.values() if one.plugin in manifests]
     declared = dict.fromkeys(resource for resources in found for resource in resources)
@@ -49,6 +53,9 @@ def complete_resources(ctx: typer.Context, incomplete: str) -> list[str]:
 
 def _simulated_resources(fleet: FleetConfig, robot: RobotConfig) -> list[str]:
     """Return the resources of a robot's simulated twin: those of some plugins depend on their settings."""
+    from eal_actors.facade.fleet import Fleet
+    from eal_actors.managers.twins import simulated
+
     try:
         twin = simulated(replace(fleet, robots={robot.name: robot}, rate=1.0), [robot.name])
         with Fleet(twin.config) as opened:
@@ -59,6 +66,8 @@ def _simulated_resources(fleet: FleetConfig, robot: RobotConfig) -> list[str]:
 
 def _fleet_of(ctx: typer.Context) -> FleetConfig | None:
     """Return the fleet of `--fleet` or of the environment; None if it cannot be read: a shell shows no errors."""
+    from eal_actors.managers.config import EALConfigManager
+
     chosen = ctx.params.get("fleet") or os.environ.get(FLEET_VARIABLE)
     try:
         return EALConfigManager.load(chosen).fleet if chosen else None

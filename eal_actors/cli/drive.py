@@ -7,9 +7,10 @@ from typing import Annotated
 
 import typer
 
+from eal_actors.cli.completion import complete_robots
 from eal_actors.cli.fleets import in_real_time, read_fleet
 from eal_actors.cli.interrupts import handle_signals
-from eal_actors.cli.options import FleetOption, completed_robots
+from eal_actors.cli.options import FleetOption
 from eal_actors.cli.output import print_line, stdout
 from eal_actors.facade.fleet import Fleet
 from eal_actors.managers.missing_modules import needs_extra
@@ -18,9 +19,7 @@ from eal_actors.managers.missing_modules import needs_extra
 def drive_robots(
     robots: Annotated[
         list[str],
-        typer.Argument(
-            metavar="ROBOT...", show_default=False, help="Names of robots.", autocompletion=completed_robots
-        ),
+        typer.Argument(metavar="ROBOT...", show_default=False, help="Names of robots.", autocompletion=complete_robots),
     ],
     fleet: FleetOption,
     device: Annotated[

@@ -11,39 +11,12 @@ from typing import Annotated, Any, Literal, TypeAlias
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from eal_actors.cli.completion import complete_fleets, complete_robots, complete_scenarios
 from eal_actors.kernel.bundled import FLEET_VARIABLE
 from eal_actors.kernel.errors import ConfigError, ScenarioError
 from eal_actors.kernel.log import LogFormat
 
 LogLevel = Literal["debug", "info", "warning", "error"]
-
-
-def completed_fleets(incomplete: str) -> list[str]:
-    """Return the fleets that begin with a text."""
-    from eal_actors.cli.completion import complete_fleets  # which loads for long, and only for a shell that asks
-
-    return complete_fleets(incomplete)
-
-
-def completed_scenarios(incomplete: str) -> list[str]:
-    """Return the scenarios that begin with a text."""
-    from eal_actors.cli.completion import complete_scenarios
-
-    return complete_scenarios(incomplete)
-
-
-def completed_robots(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Return the robots that begin with a text."""
-    from eal_actors.cli.completion import complete_robots
-
-    return complete_robots(ctx, incomplete)
-
-
-def completed_resources(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Return the resources that begin with a text."""
-    from eal_actors.cli.completion import complete_resources
-
-    return complete_resources(ctx, incomplete)
 
 
 _FLEET: Any = typer.Option(
@@ -52,13 +25,13 @@ _FLEET: Any = typer.Option(
     envvar=FLEET_VARIABLE,
     show_default=False,
     help="Fleet file, or the name of a bundled one.",
-    autocompletion=completed_fleets,
+    autocompletion=complete_fleets,
 )
 _SCENARIO: Any = typer.Argument(
     metavar="SCENARIO",
     help="Scenario file, or the name of a bundled one.",
     show_default=False,
-    autocompletion=completed_scenarios,
+    autocompletion=complete_scenarios,
 )
 FleetOption: TypeAlias = Annotated[Path, _FLEET]
 ScenarioArgument: TypeAlias = Annotated[Path, _SCENARIO]
@@ -71,7 +44,7 @@ RobotsArgument = Annotated[
         metavar="[ROBOT]...",
         show_default=False,
         help="Names of robots; default: all robots.",
-        autocompletion=completed_robots,
+        autocompletion=complete_robots,
     ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]

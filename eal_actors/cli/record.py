@@ -7,9 +7,10 @@ from typing import Annotated
 
 import typer
 
+from eal_actors.cli.completion import complete_robots
 from eal_actors.cli.fleets import in_real_time, read_fleet
 from eal_actors.cli.interrupts import handle_signals
-from eal_actors.cli.options import FleetOption, completed_robots
+from eal_actors.cli.options import FleetOption
 from eal_actors.cli.output import counted, print_line, stdout
 from eal_actors.cli.run_options import RunsDirOption
 from eal_actors.facade.fleet import Fleet
@@ -23,7 +24,7 @@ def record_fleet(
     robots: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[ROBOT...]", show_default=False, help="Only these robots.", autocompletion=completed_robots
+            metavar="[ROBOT...]", show_default=False, help="Only these robots.", autocompletion=complete_robots
         ),
     ] = None,
     record: Annotated[

@@ -35,7 +35,6 @@ class DeviceEmulator(Protocol):
 
     def feed(self, data: bytes, now_s: float) -> bytes:
         """Process received bytes, possibly none, and return the bytes that it sends by `now_s`."""
-        ...
 
 
 class EmulatorWire(ABC):

@@ -33,23 +33,18 @@ class BytePort(Protocol):
     @property
     def in_waiting(self) -> int:
         """The number of bytes that can be read."""
-        ...
 
     def read(self, size: int = 1) -> bytes:
         """Return the received bytes, at most `size`; does not wait."""
-        ...
 
     def write(self, data: bytes) -> int | None:
         """Send bytes."""
-        ...
 
     def reset_input_buffer(self) -> None:
         """Discard the received bytes."""
-        ...
 
     def close(self) -> None:
         """Close the port."""
-        ...
 
 
 class ReopeningDevice(Generic[_D]):

@@ -68,7 +68,6 @@ class EmulatedBody(Protocol):
     @property
     def pose(self) -> tuple[float, float, float]:
         """Its x and y in m, and its yaw in rad."""
-        ...
 
 
 class _EndedError(BaseException):

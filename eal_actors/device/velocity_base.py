@@ -34,22 +34,18 @@ class OdometryReading(Protocol):
     @property
     def x_m(self) -> float:
         """Position."""
-        ...
 
     @property
     def y_m(self) -> float:
         """Position."""
-        ...
 
     @property
     def yaw_rad(self) -> float:
         """Heading."""
-        ...
 
     @property
     def is_still(self) -> bool:
         """Whether the robot stands."""
-        ...
 
 
 class VelocityBase(DifferentialBase):

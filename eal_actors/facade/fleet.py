@@ -7,7 +7,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from types import TracebackType
 from typing import Final, Self, TypeVar
 
 from eal_actors.actors.handles import CLOSE_TIMEOUT_S, RobotHandle, close_robots
@@ -236,9 +235,7 @@ class Fleet(FleetCalls):
     def __enter__(self) -> Self:
         return self if self._robots else self.connect()
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_exc_info: object) -> None:
         self.close()
 
     # Robots.

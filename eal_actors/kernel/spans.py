@@ -21,23 +21,18 @@ class Span(Protocol):
     @property
     def traceparent(self) -> str:
         """Its name in W3C Trace Context, for another process."""
-        ...
 
     def current(self) -> AbstractContextManager[object]:
         """Return a context in which the spans that this thread begins are parts of it."""
-        ...
 
     def part(self, name: str) -> Span:
         """Begin a part of it, a child span."""
-        ...
 
     def note(self, event: str) -> None:
         """Record an event."""
-        ...
 
     def end(self, error: BaseException | None = None) -> None:
         """End it, with its error if it failed."""
-        ...
 
 
 class Tracer(Protocol):
@@ -45,15 +40,12 @@ class Tracer(Protocol):
 
     def begin(self, name: str, about: About, kind: Kind = "internal") -> Span | None:
         """Begin a part of this thread's current span; return None if it has none."""
-        ...
 
     def begin_trace(self, name: str, about: About) -> Span:
         """Begin a root span."""
-        ...
 
     def within(self, traceparent: str) -> AbstractContextManager[object]:
         """Return a context in which the spans that this thread begins are parts of another process's span."""
-        ...
 
 
 tracer: Tracer | None = None

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Iterable, Sequence
-from types import TracebackType
 from typing import Final, NamedTuple, Self, TypeAlias
 
 from eal_actors.actors.future import Future
@@ -57,9 +56,7 @@ class Sampler:
         self._clock.start(self._thread)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_exc_info: object) -> None:
         self._clock.wake(self._stop)
         with self._clock.outside():
             self._thread.join()

@@ -6,7 +6,6 @@ import math
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from types import TracebackType
 from typing import Any, Final, Self
 
 import numpy as np
@@ -119,9 +118,7 @@ class Lookahead:
         self._fleet.clock.start(self._thread)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_exc_info: object) -> None:
         self._fleet.clock.wake(self._stop)
         with self._fleet.clock.outside():
             self._thread.join()
