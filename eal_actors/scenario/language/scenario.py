@@ -6,9 +6,9 @@ import hashlib
 import re
 from collections.abc import Callable, Generator, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Final, TypeAlias
+from typing import Annotated, Any, ClassVar, Final, TypeAlias, get_args
 
 from pydantic import Field, NonNegativeFloat, PositiveFloat
 
@@ -21,10 +21,11 @@ from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.scenario.engine.python_functions import StepFunction
 from eal_actors.scenario.language.expressions import LocatedExpression, locate_expressions
 from eal_actors.scenario.language.sections import ParameterSection, RoleSection
-from eal_actors.scenario.language.values import MIN_ITEMS, NOT_EMPTY, OnFailure, OnLost, VariableName, Wanted
+from eal_actors.scenario.language.values import MIN_ITEMS, NOT_EMPTY, Held, OnFailure, OnLost, VariableName, Wanted
 from eal_actors.scenario.language.wording import show_value
 
 _DIGIT: Final = re.compile(r"\d")
+_NUMBERS: Final[Mapping[str, Wanted]] = {wanted: wanted for wanted in get_args(Wanted)}
 
 
 Keys: TypeAlias = tuple[str | int, ...]
@@ -40,11 +41,13 @@ class Step(StrictModel):
         kind: the key that names the kind.
         is_expectation: it checks the run, so that its failure is a result.
         moves_its_role: it moves all robots of a role by one call of each.
+        holds: what its own fields hold that have to do with expressions; those of its bases are added.
     """
 
     kind: ClassVar[str]
     is_expectation: ClassVar[bool] = False
     moves_its_role: ClassVar[bool] = False
+    holds: ClassVar[Mapping[str, Held]] = {}
 
     safe_to_repeat: bool | None = None
     """For steps of the top level: a resumed run may repeat the step; defaults to that of the file."""
@@ -106,19 +109,23 @@ class Step(StrictModel):
 
     def templates(self) -> Iterable[tuple[Keys, object]]:
         """Return the values of the step that may hold `${...}`."""
-        return ()
+        return [(keys, value) for keys, value, held in self._held() if held == "template" or held in _NUMBERS]
 
     def conditions(self) -> Iterable[tuple[Keys, object]]:
         """Return the values of the step that are expressions without `${}`."""
-        return ()
+        return [(keys, value) for keys, value, held in self._held() if held == "condition"]
 
     def numbers(self) -> Iterable[tuple[Keys, object, Wanted]]:
         """Return those of the templates that must be numbers, with their ranges."""
-        return ()
+        return [(keys, value, _NUMBERS[held]) for keys, value, held in self._held() if held in _NUMBERS]
 
     def assigned(self) -> Iterable[tuple[Keys, str | None]]:
         """Return the variables that the step assigns."""
-        return ()
+        return [(keys, value) for keys, value, held in self._held() if held == "variable"]
+
+    def _held(self) -> Iterator[tuple[Keys, Any, Held]]:
+        for name, key, held in _held_by(type(self)):
+            yield (key,), getattr(self, name), held
 
     def expressions(self) -> Iterator[LocatedExpression]:
         """Yield the expressions of the step, without those of the steps inside it."""
@@ -191,6 +198,15 @@ class Step(StrictModel):
     def perform(self, run: Any, context: Any, path: str) -> Generator[Any, None, None]:
         """Perform the step for the robot of a context, or for none outside of `on`. Thread: the run's own."""
         raise NotImplementedError
+
+
+@cache
+def _held_by(kind: type[Step]) -> tuple[tuple[str, str, Held], ...]:
+    """Return what the fields of a kind hold, with their keys in the file, those of its bases first."""
+    held: dict[str, Held] = {}
+    for base in reversed(kind.__mro__):
+        held |= vars(base).get("holds", {})
+    return tuple((name, kind.model_fields[name].alias or name, what) for name, what in held.items())
 
 
 class FallibleModel(Step):

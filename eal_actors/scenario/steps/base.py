@@ -10,8 +10,9 @@ A step describes itself; it holds no state of a run, for many robots may perform
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
+from typing import ClassVar
 
 from typing_extensions import override
 
@@ -27,8 +28,8 @@ from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
 from eal_actors.scenario.language.scenario import FallibleModel, Keys, Show, Step
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
 from eal_actors.scenario.language.values import (
+    Held,
     Timeout,
-    Wanted,
     checked_number,
     final_action,
 )
@@ -152,15 +153,8 @@ class FallibleStep(FallibleModel, StepKind):
 class LimitedStep(FallibleStep):
     """A step with a time limit."""
 
+    holds: ClassVar[Mapping[str, Held]] = {"timeout_s": "timeout"}
     timeout_s: Timeout | None = None
-
-    @override
-    def templates(self) -> Iterable[tuple[Keys, object]]:
-        return ((("timeout_s",), self.timeout_s), *super().templates())
-
-    @override
-    def numbers(self) -> Iterable[tuple[Keys, object, Wanted]]:
-        return ((("timeout_s",), self.timeout_s, "timeout"), *super().numbers())
 
     @override
     def check_values(self, check: ScopeCheck, path: YamlPath, scope: Scope) -> None:

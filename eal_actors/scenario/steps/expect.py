@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 from pydantic import NonNegativeFloat
 from typing_extensions import override
@@ -22,9 +22,9 @@ from eal_actors.scenario.language.expressions import (
     render_text,
     to_plain,
 )
-from eal_actors.scenario.language.scenario import Keys, Show
+from eal_actors.scenario.language.scenario import Show
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
-from eal_actors.scenario.language.values import ExpressionText, Text, Value
+from eal_actors.scenario.language.values import ExpressionText, Held, Text, Value
 from eal_actors.scenario.language.wording import describe_names, short_value
 from eal_actors.scenario.steps.base import FallibleStep
 
@@ -34,6 +34,7 @@ class ExpectStep(FallibleStep):
 
     kind = "expect"
     is_expectation = True
+    holds: ClassVar[Mapping[str, Held]] = {"expect": "condition", "equals": "condition", "says": "template"}
     expect: ExpressionText
     """An expression, without `${}`, that must be true, or equal to `equals`."""
     equals: Value | None = None
@@ -42,14 +43,6 @@ class ExpectStep(FallibleStep):
     """Maximum difference of numbers from `equals`."""
     says: Text | None = None
     """The beginning of the message on failure."""
-
-    @override
-    def templates(self) -> Iterable[tuple[Keys, object]]:
-        return ((("says",), self.says),)
-
-    @override
-    def conditions(self) -> Iterable[tuple[Keys, object]]:
-        return ((("expect",), self.expect), (("equals",), self.equals))
 
     @override
     def check_placement(self, check: ScopeCheck, path: YamlPath, scope: Scope) -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import ClassVar
 
 from pydantic import Field
 from typing_extensions import override
@@ -18,7 +19,7 @@ from eal_actors.scenario.language.expressions import Namespace, evaluate, parse_
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
 from eal_actors.scenario.language.scenario import Keys, Scenario, Show, Step, Steps
 from eal_actors.scenario.language.static_values import Guard
-from eal_actors.scenario.language.values import ExpressionText
+from eal_actors.scenario.language.values import ExpressionText, Held
 from eal_actors.scenario.steps.base import BlockStep
 
 
@@ -26,6 +27,7 @@ class IfStep(BlockStep):
     """Perform steps if an expression is true, and others if it is not."""
 
     kind = "if"
+    holds: ClassVar[Mapping[str, Held]] = {"if_": "condition"}
     if_: ExpressionText = Field(alias="if")
     """An expression, without `${}`."""
     then: Steps
@@ -34,10 +36,6 @@ class IfStep(BlockStep):
     @override
     def children(self) -> Sequence[tuple[Keys, tuple[Step, ...]]]:
         return ((("then",), self.then), *(((("else",), self.else_),) if self.else_ is not None else ()))
-
-    @override
-    def conditions(self) -> Iterable[tuple[Keys, object]]:
-        return ((("if",), self.if_),)
 
     @override
     def robots_inside(self, check: RobotCheck, path: YamlPath, here: RobotScope, keys: Keys) -> RobotScope:

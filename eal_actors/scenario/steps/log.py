@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Mapping
+from typing import ClassVar
 
 from typing_extensions import override
 
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import render_text
-from eal_actors.scenario.language.scenario import Keys, Show
-from eal_actors.scenario.language.values import Text
+from eal_actors.scenario.language.scenario import Show
+from eal_actors.scenario.language.values import Held, Text
 from eal_actors.scenario.steps.base import FallibleStep
 
 
@@ -19,11 +20,8 @@ class LogStep(FallibleStep):
 
     kind = "log"
     is_instant = True
+    holds: ClassVar[Mapping[str, Held]] = {"log": "template"}
     log: Text
-
-    @override
-    def templates(self) -> Iterable[tuple[Keys, object]]:
-        return ((("log",), self.log),)
 
     @property
     @override

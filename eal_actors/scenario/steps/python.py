@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 from pydantic import Field
 from typing_extensions import override
@@ -26,7 +26,7 @@ from eal_actors.scenario.engine.loop import Coroutine, EventLoop
 from eal_actors.scenario.engine.python_functions import StepFunction, find_function
 from eal_actors.scenario.language.expressions import render
 from eal_actors.scenario.language.scenario import Keys, Show
-from eal_actors.scenario.language.values import Text, Value, VariableName
+from eal_actors.scenario.language.values import Held, Text, Value, VariableName
 from eal_actors.scenario.steps.base import TimedStep
 
 DEFAULT_TIMEOUT_S: Final = 60.0
@@ -66,6 +66,7 @@ class PythonStep(TimedStep):
     """Run a function of Python in a thread of its own."""
 
     kind = "python"
+    holds: ClassVar[Mapping[str, Held]] = {"save_as": "variable"}
     python: Text
     """An entry point of the group `eal_actors.steps`, or `module:function` if the fleet file allows it."""
     with_: dict[VariableName, Value] = Field(default={}, alias="with", json_schema_extra=NAMES_ONLY)
@@ -88,10 +89,6 @@ class PythonStep(TimedStep):
     @override
     def templates(self) -> Iterable[tuple[Keys, object]]:
         return (*super().templates(), *((("with", name), value) for name, value in self.with_.items()))
-
-    @override
-    def assigned(self) -> Iterable[tuple[Keys, str | None]]:
-        return ((("save_as",), self.save_as),)
 
     @override
     def words(self, show: Show) -> str:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import ClassVar
 
 from typing_extensions import override
 
@@ -17,7 +18,7 @@ from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
 from eal_actors.scenario.language.scenario import Keys, Scenario, Show, Steps
 from eal_actors.scenario.language.scope import LoopVariable, Scope, ScopeCheck
 from eal_actors.scenario.language.static_values import StaticLoop, value_of_parameters
-from eal_actors.scenario.language.values import INDEX, Repeats, Wanted
+from eal_actors.scenario.language.values import INDEX, Held, Repeats
 from eal_actors.scenario.steps.loop import LoopStep
 
 
@@ -25,16 +26,9 @@ class RepeatStep(LoopStep):
     """Perform steps several times; `${i}` is the number of the round, from 0."""
 
     kind = "repeat"
+    holds: ClassVar[Mapping[str, Held]] = {"repeat": "count"}
     repeat: Repeats
     do: Steps
-
-    @override
-    def templates(self) -> Iterable[tuple[Keys, object]]:
-        return (*super().templates(), (("repeat",), self.repeat))
-
-    @override
-    def numbers(self) -> Iterable[tuple[Keys, object, Wanted]]:
-        return (*super().numbers(), (("repeat",), self.repeat, "count"))
 
     @override
     def loop_variable(self, check: ScopeCheck, scope: Scope) -> LoopVariable:

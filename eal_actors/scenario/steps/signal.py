@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Iterable, Mapping
+from typing import Any, ClassVar
 
 from typing_extensions import override
 
@@ -11,8 +11,8 @@ from eal_actors.kernel.strict_model import Name
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import render
-from eal_actors.scenario.language.scenario import Keys, Show
-from eal_actors.scenario.language.values import Value
+from eal_actors.scenario.language.scenario import Show
+from eal_actors.scenario.language.values import Held, Value
 from eal_actors.scenario.report.events import Signalled
 from eal_actors.scenario.report.records import to_view
 from eal_actors.scenario.steps.base import FallibleStep
@@ -23,6 +23,7 @@ class SignalStep(FallibleStep):
 
     kind = "signal"
     is_instant = True
+    holds: ClassVar[Mapping[str, Held]] = {"value": "template"}
     signal: Name
     value: Value | None = None
     """The value that `wait_for` saves; defaults to the robot's name."""
@@ -30,10 +31,6 @@ class SignalStep(FallibleStep):
     @override
     def given_signals(self) -> Iterable[str]:
         return (self.signal,)
-
-    @override
-    def templates(self) -> Iterable[tuple[Keys, object]]:
-        return ((("value",), self.value),)
 
     @override
     def words(self, show: Show) -> str:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Final
+from typing import ClassVar, Final
 
 from typing_extensions import override
 
@@ -23,6 +23,7 @@ from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
 from eal_actors.scenario.language.scenario import Keys, Scenario, Show, Step, Steps
 from eal_actors.scenario.language.scope import LoopVariable, Scope, ScopeCheck
 from eal_actors.scenario.language.static_values import StaticLoop, value_of_parameters
+from eal_actors.scenario.language.values import Held
 from eal_actors.scenario.steps.for_ import LoopValues
 from eal_actors.scenario.steps.loop import LoopStep
 from eal_actors.scenario.steps.places import (
@@ -43,16 +44,13 @@ class VisitStep(LoopStep):
     """Drive to places one after another, round obstacles and other robots, and perform steps at each."""
 
     kind = "visit"
+    holds: ClassVar[Mapping[str, Held]] = {"visit": "template"}
     visit: LoopValues
     """The places, each a name of the fleet's world, or [x_m, y_m], or [x_m, y_m, yaw_deg]; or `${...}` that evaluates
     to a list of them. In the steps, `${place}` is the present one."""
     split: bool = False
     """The robots of the role divide the places among themselves, in their order; otherwise each visits all."""
     do: Steps = ()
-
-    @override
-    def templates(self) -> Iterable[tuple[Keys, object]]:
-        return (*super().templates(), (("visit",), self.visit))
 
     @override
     def children(self) -> Sequence[tuple[Keys, tuple[Step, ...]]]:

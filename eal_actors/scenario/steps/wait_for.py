@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 from typing_extensions import override
 
@@ -14,9 +14,9 @@ from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import render
-from eal_actors.scenario.language.scenario import Keys, Show
+from eal_actors.scenario.language.scenario import Show
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
-from eal_actors.scenario.language.values import Count, Value, VariableName, Wanted
+from eal_actors.scenario.language.values import Count, Held, Value, VariableName
 from eal_actors.scenario.steps.base import WaitingStep
 
 
@@ -24,6 +24,7 @@ class WaitForStep(WaitingStep):
     """Wait for a signal; one that came before counts."""
 
     kind = "wait_for"
+    holds: ClassVar[Mapping[str, Held]] = {"count": "count", "save_as": "variable", "default": "template"}
     wait_for: Name
     count: Count = 1
     """How often it must have been given since the beginning of the run."""
@@ -31,18 +32,6 @@ class WaitForStep(WaitingStep):
     """Variable for the signal's last value."""
     default: Value | None = None
     """Its value when the time is up; without a default the step fails."""
-
-    @override
-    def templates(self) -> Iterable[tuple[Keys, object]]:
-        return (*super().templates(), (("count",), self.count), (("default",), self.default))
-
-    @override
-    def numbers(self) -> Iterable[tuple[Keys, object, Wanted]]:
-        return (*super().numbers(), (("count",), self.count, "count"))
-
-    @override
-    def assigned(self) -> Iterable[tuple[Keys, str | None]]:
-        return ((("save_as",), self.save_as),)
 
     @override
     def check_placement(self, check: ScopeCheck, path: YamlPath, scope: Scope) -> None:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Mapping
+from typing import ClassVar
 
 from typing_extensions import override
 
 from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
-from eal_actors.scenario.language.scenario import Keys, Show
+from eal_actors.scenario.language.scenario import Show
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
-from eal_actors.scenario.language.values import Seconds, Wanted
+from eal_actors.scenario.language.values import Held, Seconds
 from eal_actors.scenario.language.wording import short_number
 from eal_actors.scenario.steps.base import FallibleStep
 
@@ -20,16 +21,9 @@ class WaitStep(FallibleStep):
     """Wait for a time."""
 
     kind = "wait_s"
+    holds: ClassVar[Mapping[str, Held]] = {"wait_s": "seconds"}
     wait_s: Seconds
     """Seconds of the fleet's clock."""
-
-    @override
-    def templates(self) -> Iterable[tuple[Keys, object]]:
-        return ((("wait_s",), self.wait_s),)
-
-    @override
-    def numbers(self) -> Iterable[tuple[Keys, object, Wanted]]:
-        return ((("wait_s",), self.wait_s, "seconds"),)
 
     @override
     def check_values(self, check: ScopeCheck, path: YamlPath, scope: Scope) -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Final
+from collections.abc import Mapping
+from typing import ClassVar, Final
 
 from pydantic import PositiveFloat
 from typing_extensions import override
@@ -12,8 +12,8 @@ from eal_actors.kernel.errors import DeadlineError
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import evaluate, parse_bare, to_plain
-from eal_actors.scenario.language.scenario import Keys, Show
-from eal_actors.scenario.language.values import ExpressionText
+from eal_actors.scenario.language.scenario import Show
+from eal_actors.scenario.language.values import ExpressionText, Held
 from eal_actors.scenario.language.wording import describe_names
 from eal_actors.scenario.steps.base import WaitingStep
 
@@ -24,14 +24,11 @@ class WaitUntilStep(WaitingStep):
     """Wait until an expression is true."""
 
     kind = "wait_until"
+    holds: ClassVar[Mapping[str, Held]] = {"wait_until": "condition"}
     wait_until: ExpressionText
     """An expression, without `${}`."""
     poll_s: PositiveFloat = POLL_S
     """Time between two evaluations, in seconds of the fleet's clock."""
-
-    @override
-    def conditions(self) -> Iterable[tuple[Keys, object]]:
-        return ((("wait_until",), self.wait_until),)
 
     @override
     def words(self, show: Show) -> str:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 from typing_extensions import override
@@ -22,7 +22,7 @@ from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
 from eal_actors.scenario.language.scenario import Keys, Scenario, Show, Steps
 from eal_actors.scenario.language.scope import LoopVariable, Scope, ScopeCheck
 from eal_actors.scenario.language.static_values import Guard, StaticLoop
-from eal_actors.scenario.language.values import INDEX, ExpressionText, Repeats, Wanted
+from eal_actors.scenario.language.values import INDEX, ExpressionText, Held, Repeats
 from eal_actors.scenario.steps.loop import LoopStep
 
 
@@ -30,6 +30,7 @@ class WhileStep(LoopStep):
     """Perform steps as long as an expression is true; `${i}` is the number of the round, from 0."""
 
     kind = "while"
+    holds: ClassVar[Mapping[str, Held]] = {"while_": "condition", "limit": "count"}
     while_: ExpressionText = Field(alias="while")
     """An expression, without `${}`."""
     limit: Repeats
@@ -37,18 +38,6 @@ class WhileStep(LoopStep):
     at_limit: Literal["fail", "go_on"] = "fail"
     """The outcome if the expression is still true after them."""
     do: Steps
-
-    @override
-    def templates(self) -> Iterable[tuple[Keys, object]]:
-        return (*super().templates(), (("limit",), self.limit))
-
-    @override
-    def conditions(self) -> Iterable[tuple[Keys, object]]:
-        return ((("while",), self.while_),)
-
-    @override
-    def numbers(self) -> Iterable[tuple[Keys, object, Wanted]]:
-        return (*super().numbers(), (("limit",), self.limit, "count"))
 
     @override
     def check_values(self, check: ScopeCheck, path: YamlPath, scope: Scope) -> None:
