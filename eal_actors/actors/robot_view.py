@@ -32,11 +32,7 @@ def release() -> str:
 
 
 def process_name(who: str | None = None) -> str:
-    """Return the name of this process for people: `anna@lab-pc (pid 4711)`.
-
-    Args:
-        who: the name of its certificate; the user's if None.
-    """
+    """Return the name of this process for people: `anna@lab-pc (pid 4711)`, by its certificate, else its user."""
     return f"{who or _user()}@{socket.gethostname()} (pid {os.getpid()})"
 
 

@@ -90,12 +90,8 @@ def exit_code(error: EALError) -> ExitCode:
 def report_error(error: EALError, options: GlobalOptions, *, as_json: bool = False) -> ExitCode:
     """Print an error and what to do next on stderr; return its exit code.
 
-    `--log-format json` makes it a log line; `--log-level debug` adds the traceback.
-
-    Args:
-        error: the error.
-        options: those before the command's name.
-        as_json: whether the command was called with `--json`: the error is JSON on stdout, in place of the result.
+    `--log-format json` makes it a log line; `--log-level debug` adds the traceback. In a command with `--json`, it is
+    JSON on stdout, in place of the result.
     """
     code, advice = exit_code(error), _advice(error)
     if as_json:

@@ -23,13 +23,7 @@ from eal_actors.managers.shared_ports import shared_ports
 def read_fleet(
     path: Path, robots: Sequence[str] = (), *, rate: Rate | None = None, seed: int | None = None
 ) -> FleetConfig:
-    """Read a fleet file.
-
-    Args:
-        path: the fleet file.
-        robots: the robots to keep; empty for all.
-        rate: replaces the file's clock rate.
-        seed: replaces the file's seed.
+    """Read a fleet file, or some of its robots; a rate and a seed replace those of the file.
 
     Raises:
         ConfigError: the file is wrong; names every problem.

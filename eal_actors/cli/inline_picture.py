@@ -30,13 +30,7 @@ _WIDTH_PX: Final = 640
 
 
 def show_inline(out: IO[str], picture: Path, film: Path | None = None) -> bool:
-    """Show a picture in the terminal; return False if it is none or shows no pictures.
-
-    Args:
-        out: the terminal's stream.
-        picture: a PNG file.
-        film: a GIF file, for terminals that play it.
-    """
+    """Show a PNG file in the terminal, or a GIF film where it plays; return False if the terminal shows no pictures."""
     if not out.isatty():
         return False
     if os.environ.get("KITTY_WINDOW_ID") or os.environ.get("TERM", "") in ("xterm-kitty", "xterm-ghostty"):

@@ -37,11 +37,7 @@ class _Console(Console):
 
 
 def stdout(pipe_width: int = _PIPE_WIDTH) -> Console:
-    """Return a console on stdout, for results.
-
-    Args:
-        pipe_width: columns of a table in a pipe or a file.
-    """
+    """Return a console on stdout, for results. Tables in a pipe or a file are `pipe_width` columns wide."""
     return _console(sys.stdout, pipe_width)
 
 

@@ -91,11 +91,7 @@ def new_plugin(
 
 
 def write_plugin(name: str, directory: Path) -> Path:
-    """Write a plugin's folder from the templates, and return it.
-
-    Args:
-        name: the name of the plugin and of its folder.
-        directory: the parent folder; made if it does not exist.
+    """Write a plugin's folder from the templates, below a parent that is made if it does not exist; return the folder.
 
     Raises:
         ConfigError: the name cannot be used, or the folder exists or cannot be written.

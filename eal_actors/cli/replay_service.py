@@ -17,14 +17,7 @@ _REDRAW_S = 0.25
 
 
 def serve_replay(config: FleetConfig, robots: Sequence[str], duration_s: float, *, loops: bool) -> None:
-    """Serve the robots of a replay until Ctrl-C; all of them share one playback.
-
-    Args:
-        config: the fleet of the replay.
-        robots: the names of its robots.
-        duration_s: the duration of the record.
-        loops: the playback starts again at its end.
-    """
+    """Serve the robots of a replay until Ctrl-C; all of them share one playback."""
     handle_signals()
     out = stdout()
     with serve_together(config, robots) as services:

@@ -64,12 +64,7 @@ def metrics_at(
 
 @contextmanager
 def traces_to(where: str | None, service: str, console: Console) -> Iterator[None]:
-    """Trace this process if requested, and print the destination.
-
-    Args:
-        where: see tracing.exporter_to; None or `none` for no traces.
-        service: the name of the process.
-        console: the console to print to.
+    """Trace this process if requested, and print the destination; see `tracing.exporter_to`. `none` requests no traces.
 
     Raises:
         UnsupportedError: OpenTelemetry is not installed.

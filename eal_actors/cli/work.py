@@ -29,13 +29,7 @@ class OnDone(Protocol):
     """Called for each finished part."""
 
     def __call__(self, line: str | Text, is_important: bool, total: int | None = None) -> None:
-        """Note a finished part.
-
-        Args:
-            line: describes it.
-            is_important: it must be seen on a terminal too.
-            total: the number of parts, where it was not known before.
-        """
+        """Note a finished part; an important line is shown on a terminal too. `total` may tell the number of parts."""
 
 
 class _RateColumn(ProgressColumn):

@@ -123,13 +123,7 @@ class MobileBaseSettings(PluginSettingsModel):
     """Greatest turn rate."""
 
     def drivetrain(self, name: str, track_m: float, acceleration_m_s2: float = 0.4) -> Drivetrain:
-        """Return the drivetrain.
-
-        Args:
-            name: the type's name, for messages.
-            track_m: nominal distance of its wheels.
-            acceleration_m_s2: of each wheel.
-        """
+        """Return the drivetrain; `name` is for messages, and the acceleration is that of each wheel."""
         return Drivetrain(
             name,
             track_m,
@@ -174,21 +168,11 @@ class DifferentialBase(MapMotions):
 
     @abstractmethod
     def drive(self, distance_m: float, speed_m_s: float) -> Activity:
-        """Drive straight, from rest to rest.
-
-        Args:
-            distance_m: forward positive.
-            speed_m_s: positive, within the drivetrain's.
-        """
+        """Drive straight from rest to rest, ahead if the distance is positive, at a speed within the drivetrain's."""
 
     @abstractmethod
     def turn(self, angle_rad: float, turn_rate_rad_s: float) -> Activity:
-        """Turn in place, from rest to rest.
-
-        Args:
-            angle_rad: counter-clockwise positive.
-            turn_rate_rad_s: positive, within the drivetrain's.
-        """
+        """Turn in place from rest to rest, to the left if the angle is positive, at a rate within the drivetrain's."""
 
     @property
     def calibration(self) -> WheelCalibration:

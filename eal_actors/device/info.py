@@ -228,14 +228,7 @@ class ResourceInfo:
         return self.types == ResourceType.SENSOR or any(request.name == req for request in self.requests)
 
     def parse_command(self, text: str, data: EALData | None) -> tuple[CommandInfo, EALData | None]:
-        """Return the command of a text, and its checked argument.
-
-        Args:
-            text: the text of send_cmd, such as `s` or `r45`.
-            data: the data of send_cmd.
-
-        Returns:
-            The command and its argument, None if it takes none.
+        """Return the command of a text such as `s` or `r45`, and its checked argument, None if it takes none.
 
         Raises:
             ArgumentError: no such command, or an argument missing, unwanted, of the wrong type or out of range.

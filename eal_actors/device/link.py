@@ -51,13 +51,7 @@ class FaultyLink:
         self.spared = self.spared.union(resources)
 
     def impair(self, *, delay_s: float | None = None, loss: float | None = None, is_cut: bool | None = None) -> None:
-        """Set faults; None leaves one as it is.
-
-        Args:
-            delay_s: at least 0.
-            loss: in 0..1.
-            is_cut: whether no call arrives.
-        """
+        """Set a delay of at least 0, a loss in 0..1, or whether no call arrives; None leaves each as it is."""
         with self._lock:
             self._delay_s = self._delay_s if delay_s is None else float(delay_s)
             self._loss = self._loss if loss is None else float(loss)

@@ -115,10 +115,7 @@ class ReopeningDevice(Generic[_D]):
             raise NotReadyError(self._reason)
 
     def wait_until_open(self, timeout_s: float) -> bool:
-        """Wait until it is open; return whether it is.
-
-        Args:
-            timeout_s: real seconds to wait at most.
+        """Wait until it is open, for some real seconds at most; return whether it is.
 
         Thread: blocks the caller.
         """

@@ -145,12 +145,7 @@ class SerialPortEntry:
 
 
 def list_serial_ports(dev: Path = Path("/dev"), sysfs: Path = Path("/sys")) -> list[SerialPortEntry]:
-    """Return the serial ports of this machine, by path. None is opened.
-
-    Args:
-        dev: where the devices are.
-        sysfs: where the kernel describes them.
-    """
+    """Return the serial ports of this machine, by path. None is opened."""
     names: dict[Path, list[Path]] = {}
     for link in sorted(dev.glob("serial/by-id/*")):
         names.setdefault(link.resolve(), []).append(link)
@@ -197,12 +192,7 @@ def _leads_to(descriptor: Path, number: int) -> bool:
 
 
 def usb_id(path: Path, sysfs: Path = Path("/sys")) -> str | None:
-    """Return the `vendor:product` id of the USB device behind a device path; None if it is not on USB.
-
-    Args:
-        path: such as `/dev/ttyUSB0`.
-        sysfs: where the kernel describes its devices.
-    """
+    """Return the `vendor:product` id of the USB device behind a path such as `/dev/ttyUSB0`; None without USB."""
     try:
         number = path.stat().st_rdev
         place = (sysfs / "dev/char" / f"{os.major(number)}:{os.minor(number)}").resolve(strict=True)

@@ -18,11 +18,6 @@ _PEER_LOST_S: Final = 10  # a peer that loses its power sends nothing; TCP gives
 def open_tcp(host: str, port: int, timeout_s: float = _CONNECT_TIMEOUT_S) -> TcpPort:
     """Connect to a TCP server.
 
-    Args:
-        host: its name or address.
-        port: 1 to 65535.
-        timeout_s: real seconds to wait for it at most.
-
     Raises:
         OSError: it does not answer, refuses, or has no such name.
 

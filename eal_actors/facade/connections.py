@@ -135,9 +135,7 @@ def acquire_fleet(path: Path) -> Fleet:
 def acquire_remote_fleet(endpoint: str, config: FleetConfig) -> Fleet:
     """Return the process's connected fleet of the one robot at an endpoint; each call needs one `release_fleet`.
 
-    Args:
-        endpoint: such as `tcp/192.168.1.11:50000`.
-        config: the fleet with the keys for a secure endpoint.
+    A secure endpoint such as `tls/robot-1:50000` needs a fleet with keys.
 
     Raises:
         RobotNotFoundError: several robots are reached there, or none.

@@ -101,9 +101,7 @@ class RobotStarter:
     def end_sessions(self, timeout_s: float, robots: Iterable[str] | None = None) -> None:
         """Close the network sessions that only some robots used, which are closed; all sessions if None.
 
-        Args:
-            timeout_s: real seconds for each session to close.
-            robots: names of the robots.
+        Each has `timeout_s` real seconds to close.
 
         Thread: blocks the caller.
         """

@@ -45,12 +45,7 @@ def find_file(name: str | Path, kind: Kind, folder: Path | None = None) -> Path:
     """Return the file of a path or a name.
 
     A path, which has a folder or a suffix, is returned as it is. A name such as `dance` is the file `dance` or
-    `dance.yaml` of the folder, or else the bundled one.
-
-    Args:
-        name: the user's text.
-        kind: the kind of file.
-        folder: the base of relative paths; the working directory if None.
+    `dance.yaml` of the folder, by default the working directory, or else the bundled one.
 
     Raises:
         ConfigError: no file has that name, in the folder or bundled.

@@ -41,12 +41,7 @@ LARGE: Final = Limits(8_000_000, 200_000, 128)
 
 
 def load_yaml(path: str | Path, *, environment: Mapping[str, str] | None = None, limits: Limits = USUAL) -> YamlTree:
-    """Read a YAML file whose top level is a mapping.
-
-    Args:
-        path: the file; problems name it as it is given here.
-        environment: see `parse_yaml`.
-        limits: the limits of the file.
+    """Read a YAML file whose top level is a mapping; problems name it as it is given. See `parse_yaml`.
 
     Raises:
         ConfigError: with every problem of the file.

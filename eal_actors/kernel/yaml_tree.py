@@ -130,14 +130,10 @@ class YamlTree:
     prefix: YamlPath = ()
 
     def mark_at(self, path: YamlPath, *, key: bool = False) -> Mark:
-        """Return the place of the value at a path.
+        """Return the place of the value at a path, such as a pydantic `loc`, or that of the path's last key.
 
         Elements that are not in the file (a missing key, the tag of a union) are skipped, so the result is the nearest
         enclosing value.
-
-        Args:
-            path: from `root`, such as a pydantic `loc`.
-            key: return the place of the last key instead of its value.
         """
         node: object = self.root
         mark = self.root.mark

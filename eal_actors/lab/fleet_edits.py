@@ -52,12 +52,7 @@ def require_own(fleet: FleetConfig, change: str) -> None:
 
 
 def with_include(text: str, name: str, include: str) -> str:
-    """Return a fleet file's text with one more include after all others, otherwise unchanged.
-
-    Args:
-        text: text of a valid fleet file.
-        name: name of the file in error messages.
-        include: the file to include.
+    """Return a valid fleet file's text with one more include after all others, otherwise unchanged.
 
     Raises:
         ConfigError: the layout of the file allows no automatic change.
@@ -88,12 +83,7 @@ def with_include(text: str, name: str, include: str) -> str:
 
 
 def with_identity(text: str, name: str, identity: str) -> str:
-    """Return a fleet file's text with an identity of its fleet, otherwise unchanged.
-
-    Args:
-        text: text of a valid fleet file without an identity.
-        name: name of the file in error messages.
-        identity: the identity.
+    """Return a valid fleet file's text with an identity, which it has not yet, otherwise unchanged.
 
     Raises:
         ConfigError: the layout of the file allows no automatic change.

@@ -12,11 +12,7 @@ from eal_actors.managers.manifest import discover
 
 @contextmanager
 def needs_extra(extra: str, what: str) -> Iterator[None]:
-    """Turn the failed import of a package into the advice to install our extra that has it.
-
-    Args:
-        extra: the name of the extra.
-        what: the beginning of the message, such as `metrics need`.
+    """Turn a failed import into the advice to install our extra, after a beginning such as `metrics need`.
 
     Raises:
         UnsupportedError: the package is not installed.

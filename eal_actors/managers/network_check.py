@@ -21,9 +21,7 @@ def no_lock_step(robot: str) -> str:
 def network_problems(tree: YamlTree, robots: Mapping[str, tuple[str, MarkedDict]]) -> list[Problem]:
     """Return the contradictions between the `network:` section and the robots; refused values are skipped.
 
-    Args:
-        tree: the merged fleet file.
-        robots: by name, the key of its entry in the file and its merged levels.
+    `robots` has, by name, the key of each entry in the file and its merged levels.
     """
     network = tree.root.get("network")
     network = network if isinstance(network, MarkedDict) else MarkedDict(tree.root.mark)

@@ -243,13 +243,7 @@ DEFAULT_NETWORK: Final = NetworkConfig()
 
 
 def network_config(section: NetworkSection, folder: Path, identity: str | None = None) -> NetworkConfig:
-    """Build the network from its section.
-
-    Args:
-        section: the section.
-        folder: the folder of the file that names the keys.
-        identity: the fleet's identity, if it is not that of the section.
-    """
+    """Build the network from its section in a file of a folder; an identity replaces that of the section."""
     values = {name: getattr(section, name) for name in NetworkSection.model_fields}
     values["identity"] = identity or section.identity
     if (security := section.security) is not None:

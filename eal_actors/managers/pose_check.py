@@ -11,12 +11,7 @@ from eal_actors.managers.fleet_model import ODOMETRY
 
 
 def pose_problems(tree: YamlTree, robots: Mapping[str, tuple[str, MarkedDict]]) -> Iterator[Problem]:
-    """Yield the contradictions between the `pose:` sections and the robots; refused values are skipped.
-
-    Args:
-        tree: the merged fleet file.
-        robots: by name, the key of its entry in the file and its merged levels.
-    """
+    """Yield the contradictions between the `pose:` sections and the robots, as `network_problems`."""
     owners: dict[tuple[str, str], str] = {}
     for name, (key, levels) in robots.items():
         pose = levels.get("pose")

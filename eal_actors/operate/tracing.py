@@ -39,10 +39,7 @@ _KINDS: Final[dict[spans.Kind, trace.SpanKind]] = {"internal": trace.SpanKind.IN
 
 
 def exporter_to(where: str) -> SpanExporter:
-    """Return the exporter to a collector or to stderr.
-
-    Args:
-        where: CONSOLE, OTLP, or the URL of a collector that speaks OTLP over HTTP.
+    """Return the exporter to stderr (CONSOLE), to a collector at a URL by HTTP, or to that of the variables (OTLP).
 
     Raises:
         ArgumentError: `where` is none of these.

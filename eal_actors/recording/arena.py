@@ -60,12 +60,8 @@ def draw_grid(axes: Axes) -> None:
 def draw_world(world: WorldModel, out: Path) -> Path | None:
     """Draw a world's plan: obstacles and start poses with their numbers from 0, other things with their names.
 
-    Args:
-        world: the world.
-        out: the file to write; its suffix selects the format, such as `.png` or `.svg`.
-
-    Returns:
-        The file, or None when matplotlib is not installed, which is logged.
+    The suffix of the file selects its format, such as `.png` or `.svg`. Without matplotlib, which is logged, the result
+    is None.
     """
     width_m, depth_m = world.size_m
     figure = new_figure(9.0, min(max(8.0 * depth_m / width_m, 3.0), 16.0))

@@ -36,12 +36,7 @@ class Difference:
 
 
 def compare_runs(left: RunFolder, right: RunFolder, tolerance: float = 0.0) -> Iterator[Difference]:
-    """Yield the differences of events, then of paths, then of saved files.
-
-    Args:
-        left: the first run.
-        right: the second run.
-        tolerance: numbers that differ by at most this are equal; in the unit of each.
+    """Yield the differences of events, then of paths, then of saved files. Numbers may differ by the tolerance.
 
     Raises:
         ScenarioError: a folder is broken.
@@ -96,12 +91,7 @@ def _places(path: Sequence[PoseSample], times_s: Sequence[float]) -> Iterator[tu
 
 
 def first_difference(left: RunFolder, right: RunFolder, before_s: float = math.inf) -> Difference | None:
-    """Return the first event or pose that differs, without the names and the hashes of files.
-
-    Args:
-        left: the first run.
-        right: the second run.
-        before_s: later events and poses are not compared, in seconds since the start.
+    """Return the first event or pose, before a time since the start, that differs, without names and hashes of files.
 
     Raises:
         ScenarioError: a folder is broken.

@@ -35,12 +35,7 @@ class ComparedStep:
 
 
 def render_difference(left: RunFolder, right: RunFolder, world: WorldModel | None = None) -> str:
-    """Return the page.
-
-    Args:
-        left: the first run.
-        right: the second run.
-        world: the arena below the trails; None draws the trails alone.
+    """Return the page, whose trails have the world below them if it is given.
 
     Raises:
         ScenarioError: a folder is broken.

@@ -111,10 +111,7 @@ class McapFile:
         """Append the readable part of another file; attachments and metadata that exist here are kept.
 
         Seconds since the start stay the same, so the part of a resumed run has times as if it had not been interrupted.
-
-        Args:
-            path: the other file.
-            wanted: returns whether to copy a message, from its topic and its seconds since the start.
+        Messages are selected by their topic and these seconds.
 
         Raises:
             ScenarioError: it is no MCAP file.

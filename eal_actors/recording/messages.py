@@ -213,12 +213,7 @@ def scene_message(world: WorldModel) -> Message:
 
 
 def hull_message(radius_m: Mapping[str, float], time_s: float = 0.0) -> Message:
-    """Return a SceneUpdate of robots: a disc of its radius in each robot's frame, a bar ahead, and its name.
-
-    Args:
-        radius_m: the radius of each robot by its name.
-        time_s: the time of the message.
-    """
+    """Return a SceneUpdate of robots by name: a disc of its radius in each robot's frame, a bar ahead, and its name."""
     entities = []
     for number, (robot, radius) in enumerate(radius_m.items()):
         colour = _HULLS[number % len(_HULLS)]

@@ -54,12 +54,7 @@ def pose_sample(pose: ResourceHandle, data: EALData, clock: Clock) -> PoseSample
 
 
 def split_at_breaks(path: Sequence[PoseSample], breaks_s: Sequence[float]) -> list[Sequence[PoseSample]]:
-    """Split a path at the times at which its run was resumed: nothing is known between two parts.
-
-    Args:
-        path: samples in the order of time.
-        breaks_s: the times at which the run was resumed, in the same seconds, in order.
-    """
+    """Split a path at the times at which its run was resumed: nothing is known between two parts."""
     parts, first = [], 0
     for break_s in breaks_s:
         last = bisect_left(path, break_s - _ROUNDING_S, key=attrgetter("time_s"))
@@ -101,12 +96,9 @@ class PoseRecorder(ExitStack):
         return True
 
     def paths_since(self, start_s: float) -> dict[str, list[PoseSample]]:
-        """Return the samples by robot, in the order of time, with times since a run's start.
+        """Return the samples by robot, in the order of time, with times since a run's start by the fleet's clock.
 
         Each path begins with the last sample before the start, as of time 0.
-
-        Args:
-            start_s: the start, in seconds of the fleet's clock.
         """
         paths = {}
         for name, path in self._paths.items():

@@ -61,15 +61,9 @@ def _repair(run: RunFolder) -> float:
 
 
 def repair_interrupted(runs_dir: Path) -> list[Path]:
-    """Repair the records of runs whose controller died, so that every reader opens them. Runs under way are left alone.
+    """Repair the records below a folder whose controllers died, so that every reader opens them; return their folders.
 
-    A record that cannot be repaired is logged.
-
-    Args:
-        runs_dir: the folder with the folders of runs.
-
-    Returns:
-        The folders of the repaired runs.
+    Runs under way are left alone. A record that cannot be repaired is logged.
     """
     repaired = []
     for events in sorted(runs_dir.glob(f"*/{EVENTS}")):

@@ -80,11 +80,7 @@ class SavedImage:
 
 
 def render_report(run: RunFolder, world: WorldModel | None = None) -> str:
-    """Return the page.
-
-    Args:
-        run: the run's folder.
-        world: the arena below the paths; None draws the paths alone.
+    """Return the page, whose paths have the world below them if it is given.
 
     Raises:
         ScenarioError: the folder is broken.

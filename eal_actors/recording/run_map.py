@@ -27,14 +27,10 @@ _FAR_M: Final = 100.0
 
 
 def map_of_run(run: Path, resolution_m: float) -> OccupancyGrid:
-    """Return the map of all scans of a run.
+    """Return the map of all scans of a run; `resolution_m` is the length of a cell's side.
 
     The pose of a scan is interpolated between the recorded estimates before and after it; scans without either are
     left out. The greatest range of a scanner is the greatest that it reported: such rays met nothing.
-
-    Args:
-        run: the run's folder.
-        resolution_m: length of a cell's side.
 
     Raises:
         ScenarioError: it is no folder of a run, or has no record, no scan with a pose, or scans over too large an area.

@@ -34,13 +34,7 @@ def topic_of(resource: ResourceHandle) -> str:
 def message_of(
     resource: ResourceHandle, data: EALData, time_s: float, angles_rad: Sequence[float] | None
 ) -> tuple[MessageSchema, Message]:
-    """Return the message of a value: an image, a scan, or any value as JSON.
-
-    Args:
-        resource: its resource.
-        data: the value.
-        time_s: its time.
-        angles_rad: the directions of a scanner's rays; None for other resources.
+    """Return the message of a value: an image, a scan with the directions of its rays, or any value as JSON.
 
     Raises:
         EALError: an image cannot be encoded.

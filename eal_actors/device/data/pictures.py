@@ -22,12 +22,7 @@ def is_picture(c_type: CType, shape: tuple[int, ...] | None) -> bool:
 
 
 def picture_png(pixels: bytes | memoryview, shape: tuple[int, ...] | None) -> bytes:
-    """Return a picture as a PNG file.
-
-    Args:
-        pixels: rows from the top.
-        shape: rows, columns, and channels unless it is grey; of a picture.
-    """
+    """Return a picture, rows from the top, as a PNG file; its shape is rows, columns, and channels unless grey."""
     assert shape is not None  # noqa: S101  # `is_picture`
     rows, columns, channels = (*shape, 1)[:3]
     content, width = bytes(pixels), columns * channels

@@ -128,14 +128,9 @@ class Localizer:
     def begin_at(
         self, x_m: float, y_m: float, yaw_rad: float, covariance: Covariance = EXACT, *, is_given: bool = False
     ) -> None:
-        """Set the pose at which the odometry begins; it is ignored once it has begun.
+        """Set the pose in the map at which the odometry begins; it is ignored once it has begun.
 
-        Args:
-            x_m: in the map frame.
-            y_m: likewise.
-            yaw_rad: likewise.
-            covariance: of the pose.
-            is_given: the fleet file gives it, so that no driver knows better.
+        A pose that `is_given` is that of the fleet file, so that no driver knows better.
         """
         with self._lock:
             if is_given or not self._has_given_start:

@@ -76,12 +76,7 @@ class ProgressWatch:
         self._jumps = 0
 
     def update(self, left_m: float, turn_left_rad: float | None, now_s: float) -> float:
-        """Return the time for which the robot has not come nearer.
-
-        Args:
-            left_m: distance to go.
-            turn_left_rad: angle to go, while it turns in place; None while it drives.
-            now_s: the present time.
+        """Return the time for which the robot has not come nearer; `turn_left_rad` is None while it drives.
 
         Raises:
             LocalizationError: the pose has jumped too often.

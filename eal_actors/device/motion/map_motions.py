@@ -54,14 +54,9 @@ class MapMotions(Resource, ABC):
 
     @abstractmethod
     def follow(self, speed_m_s: float, turn_rate_rad_s: float, timeout_s: float) -> Activity:
-        """Hold a twist, which is within the drivetrain's limits, until the time-out; then stop.
+        """Hold a twist, ahead and to the left positive, within the drivetrain's limits, until the time-out; then stop.
 
         Closing the activity leaves the wheels turning: a newer twist replaces it without a stop, a halt stops.
-
-        Args:
-            speed_m_s: forward positive.
-            turn_rate_rad_s: counter-clockwise positive.
-            timeout_s: how long, if no newer twist arrives.
         """
 
     @abstractmethod
@@ -69,15 +64,9 @@ class MapMotions(Resource, ABC):
         """Return the limits of a motion that begins now."""
 
     def clearance_m(self, *, forward: bool) -> float:  # noqa: ARG002  # to be overridden
-        """Return the free distance from the robot's outline to the nearest thing that its sensors see in its way.
+        """Return the free distance ahead, or behind, of the outline in m, as the sensors see it; 0 at a contact.
 
         Motions to a place stop before it. The default, infinity, is for a robot without such sensors.
-
-        Args:
-            forward: whether the robot drives forward; else back.
-
-        Returns:
-            Metres; 0 at a contact.
         """
         return math.inf
 

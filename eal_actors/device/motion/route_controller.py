@@ -68,13 +68,7 @@ STANDSTILL: Final = PlanarTwist(0.0, 0.0)
 
 
 def braking_speed(left: float, acceleration: float, delay_s: float) -> float:
-    """Return the greatest speed from which a remaining length suffices to stop, after a delay.
-
-    Args:
-        left: remaining length, or angle.
-        acceleration: of the brake, over 0.
-        delay_s: before it brakes.
-    """
+    """Return the greatest speed from which a remaining length, or angle, suffices to stop, after a delay."""
     lost = acceleration * delay_s
     return math.sqrt(2 * acceleration * max(left, 0.0) + lost * lost) - lost
 
@@ -120,12 +114,7 @@ class RouteController:
         return max(route.length_m - route.travelled_m, self.errors(pose)[0])
 
     def step(self, pose: PlanarPose, duration_s: float) -> PlanarTwist:
-        """Return the twist for the next step; a standstill at the goal.
-
-        Args:
-            pose: the robot's.
-            duration_s: since the step before.
-        """
+        """Return the twist for the next step, a duration after the step before; a standstill at the goal."""
         self._route.advance(pose[0], pose[1])
         twist = self._wanted(pose)
         gain_m_s, gain_rad_s = (

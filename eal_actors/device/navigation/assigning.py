@@ -18,10 +18,6 @@ def assign_places(starts: Sequence[Point], places: Sequence[Point]) -> list[int]
     Squares, because then no two robots swap sides: `(s_i - s_j) · (p_i - p_j) >= 0` for all i, j; and no robot's path
     lies completely on another's.
 
-    Args:
-        starts: positions of the robots.
-        places: target positions, one for each robot.
-
     Raises:
         ArgumentError: the numbers of places and robots differ.
     """
@@ -32,12 +28,9 @@ def assign_places(starts: Sequence[Point], places: Sequence[Point]) -> list[int]
 
 
 def least_assignment(costs: Sequence[Sequence[float]]) -> list[int]:
-    """Return for each row its column, each column once, minimising the sum of the costs.
+    """Return for each row of (n, n) finite costs its column, each column once, minimising their sum.
 
     Hungarian method with potentials: O(n³), 0.1 s for 100 rows.
-
-    Args:
-        costs: shape (n, n), finite.
     """
     size = len(costs)
     row_potential, column_potential = [0.0] * (size + 1), [0.0] * (size + 1)

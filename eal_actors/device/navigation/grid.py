@@ -138,12 +138,7 @@ class OccupancyGrid:
         return free
 
     def is_line_free(self, start_m: ArrayLike, end_m: ArrayLike) -> bool:
-        """Return whether every cell that a straight line touches, be it at a corner, is free.
-
-        Args:
-            start_m: x and y of one end in the map frame.
-            end_m: x and y of the other end.
-        """
+        """Return whether every cell that a straight line in the map frame touches, be it at a corner, is free."""
         (start,), (end,) = self.continuous(start_m).tolist(), self.continuous(end_m).tolist()
         return self.is_cell_line_free(start, end)
 

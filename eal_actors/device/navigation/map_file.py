@@ -91,14 +91,7 @@ def load_map(path: str | Path) -> OccupancyGrid:
 
 
 def save_map(grid: OccupancyGrid, path: Path) -> tuple[Path, Path]:
-    """Write a map as a trinary map file and a PGM picture beside it, which Nav2 and map_server load.
-
-    Args:
-        grid: the map.
-        path: the YAML file; the picture has the same name with `.pgm`.
-
-    Returns:
-        The YAML file and the picture.
+    """Write a trinary map file, and a PGM picture of the same name, for Nav2 and map_server; return both.
 
     Raises:
         OSError: they cannot be written.

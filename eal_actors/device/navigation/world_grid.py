@@ -21,10 +21,6 @@ _TOUCHING_M: Final = 1e-9
 def grid_from_world(world: WorldModel, resolution_m: float = RESOLUTION_M) -> OccupancyGrid:
     """Return the occupancy grid of a world: walls, obstacles, boxes where they start, beacons, drops, keep-out zones.
 
-    Args:
-        world: the world.
-        resolution_m: length of a cell's side.
-
     Raises:
         ArgumentError: the resolution is not positive, or gives too many cells.
     """
@@ -46,12 +42,7 @@ def grid_from_world(world: WorldModel, resolution_m: float = RESOLUTION_M) -> Oc
 
 
 def close_zones(grid: OccupancyGrid, zones: Sequence[Sequence[tuple[float, float]]]) -> OccupancyGrid:
-    """Return a grid in which every cell that one of some keep-out zones touches is occupied.
-
-    Args:
-        grid: the map, which may be turned.
-        zones: the corners of each zone, x and y in the map frame in metres.
-    """
+    """Return a grid, which may be turned, in which every cell that one of some keep-out zones touches is occupied."""
     rows, columns = grid.cells.shape
     painter = _Painter(rows, columns, 1.0, GridOrigin(0.0, 0.0))
     for zone in zones:

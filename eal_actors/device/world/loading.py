@@ -247,10 +247,7 @@ def _misplaced_cameras(world: WorldModel) -> Iterator[WorldProblem]:
 
 
 def load_world(path: str | Path) -> WorldModel:
-    """Load a world file. It does not depend on the environment: a world is the same on every machine.
-
-    Args:
-        path: the world file, or the name of a bundled one, such as `lab`.
+    """Load a world file, or a bundled one such as `lab`. It is the same on every machine: no environment counts.
 
     Raises:
         ConfigError: with every problem of the file.

@@ -58,10 +58,7 @@ class PlanRun:
         self._clock.wake(self._waiter)
 
     def run(self, is_outdated: Callable[[], bool]) -> None:
-        """Drive until every trip has ended; or until the plan is outdated and every robot stands.
-
-        Args:
-            is_outdated: whether there are new goals.
+        """Drive until every trip has ended; or until new goals make the plan outdated, and every robot stands.
 
         Thread: blocks the caller.
         """

@@ -71,11 +71,7 @@ class Branch:
 
 
 def branch(request: BranchRequest, runs_dir: Path) -> Branch:
-    """Repeat a run up to a time, and continue it differently.
-
-    Args:
-        request: the branch.
-        runs_dir: parent of the branch's folder.
+    """Repeat a run up to a time, and continue it differently, in a folder below `runs_dir`.
 
     Raises:
         ConfigError: a file is invalid, or a parameter has no such value.

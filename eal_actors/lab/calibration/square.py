@@ -35,12 +35,7 @@ def square_end(
 ) -> Pose:
     """Return the pose after four sides and four quarter turns from (0, 0, 0), the first side along x.
 
-    Args:
-        way: direction of the square.
-        side_m: length of a side.
-        wheelbase_m: nominal distance of the wheels.
-        truth: the true calibration of the wheels.
-        applied: the calibration that the base uses.
+    The base uses a calibration that may differ from the true one.
     """
     arm_m = wheelbase_m / 2
     quarter_m = math.pi / 2 * arm_m * (1.0 if way == "ccw" else -1.0)

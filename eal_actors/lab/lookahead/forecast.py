@@ -83,14 +83,7 @@ class Forecast:
 def forecast(
     robots: Mapping[str, PresentState], horizon_s: float, margin_m: float, world: WorldModel | None = None
 ) -> Forecast:
-    """Continue the scripts of all robots, and find what they touch.
-
-    Args:
-        robots: the present states by name.
-        horizon_s: how far to look, in seconds of the fleet's clock.
-        margin_m: outlines that come nearer than this are taken to touch.
-        world: the walls, obstacles and drops.
-    """
+    """Continue the scripts of all robots, and find what comes nearer to them than the margin within the horizon."""
     poses = _future(robots, max(1, round(horizon_s / TICK_S)))
     findings = [*_meetings(robots, poses, margin_m), *(_hits(robots, poses, margin_m, world) if world else ())]
     return Forecast(poses, tuple(sorted(findings, key=lambda finding: finding.in_s)))

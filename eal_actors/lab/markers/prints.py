@@ -56,11 +56,7 @@ def dictionary(family: FamilyName) -> cv2.aruco.Dictionary:
 def marker_sheets(ids: Sequence[int], family: FamilyName, size_mm: float, paper_mm: tuple[float, float]) -> list[Sheet]:
     """Return sheets with markers, each with its white border, its number, and an arrow to its right edge.
 
-    Args:
-        ids: the markers.
-        family: their family.
-        size_mm: side of the black square.
-        paper_mm: width and height of the paper.
+    `size_mm` is the side of the black square.
 
     Raises:
         ArgumentError: the family has no such marker, or a marker does not fit on the paper.

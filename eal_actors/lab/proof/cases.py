@@ -107,14 +107,7 @@ def find_positions(report: Report) -> tuple[Position, ...]:
 def single_faults(
     positions: Sequence[Position], injectable: Injectable, start_s: float, kinds: Sequence[str] = ()
 ) -> list[FaultCase]:
-    """Return a case for each fault at each position; one for the controller at each time.
-
-    Args:
-        positions: the steps.
-        injectable: the faults.
-        start_s: the run's start by the fleet's clock.
-        kinds: only these faults; empty for all.
-    """
+    """Return a case for each fault, or of these kinds alone, at each position; one for the controller at each time."""
     cases: list[FaultCase] = []
     kills: set[float] = set()
     for position in positions:
@@ -132,13 +125,7 @@ def single_faults(
 
 
 def plan_cases(singles: Sequence[FaultCase], runs: int, seed: int) -> list[FaultCase]:
-    """Return the cases that fit the budget: single faults first, then pairs of them.
-
-    Args:
-        singles: all single faults.
-        runs: the largest number of cases.
-        seed: chooses the pairs.
-    """
+    """Return at most `runs` cases: single faults first, then pairs of them, which the seed chooses."""
     kept = list(singles[: max(runs - runs // _SHARE_OF_PAIRS, runs - len(singles))])
     return kept + _pairs([one for one in singles if one[0].kind != KILLED], runs - len(kept), seed)
 

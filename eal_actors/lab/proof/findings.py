@@ -21,13 +21,7 @@ _RECORDED_S: Final = 600.0
 
 
 def keep_finding(content: Content, comments: Sequence[str], worker: TrialWorker, folder: Path) -> None:
-    """Write the least fleet file of a finding, and record one run with it.
-
-    Args:
-        content: the fleet, with the faults.
-        comments: the head of the file.
-        worker: has the scenario.
-        folder: does not exist yet.
+    """Write the least fleet file of a finding, with comments at its head, and record one run with it in a new folder.
 
     Raises:
         OSError: a file cannot be written.

@@ -184,12 +184,7 @@ def ends_before(future: Future[Report], clock: Clock, timeout_s: float | None) -
 
 
 def cut_record(directory: Path, time_s: float) -> None:
-    """Reduce the record of a run to its events before a time, as if its process had died there.
-
-    Args:
-        directory: the run's folder.
-        time_s: in seconds since the run's start.
-    """
+    """Reduce the record of a run to its events before a time since its start, as if its process had died there."""
     (directory / SUMMARY).unlink(missing_ok=True)
     lines = (directory / EVENTS).read_text(encoding="utf-8").splitlines(keepends=True)
     kept = [line for line in lines if json.loads(line)["time_s"] < time_s]

@@ -31,11 +31,7 @@ class SweepFolder:
 
     @contextmanager
     def open(self, sweep: Sweep, *, repeat: bool) -> Iterator[None]:
-        """Lock the folder for a sweep during the `with` block.
-
-        Args:
-            sweep: the sweep.
-            repeat: remove the finished runs.
+        """Lock the folder for a sweep during the `with` block. `repeat` removes the finished runs.
 
         Raises:
             ScenarioError: the folder is not a sweep's, or its scenario or fleet differs, or another process uses it.

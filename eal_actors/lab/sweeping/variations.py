@@ -26,10 +26,7 @@ class Variation:
 def read_variations(scenario: Scenario, texts: Sequence[str], most: int) -> tuple[Variation, ...]:
     """Parse `name=1,2,3` and `name=0.1:0.5:0.1`; a range includes both ends, and integers need no step.
 
-    Args:
-        scenario: the scenario with the parameters.
-        texts: the options.
-        most: largest number of values of a range.
+    A range has at most `most` values.
 
     Raises:
         ValueError: a text is malformed; the message quotes it.

@@ -129,10 +129,7 @@ class PlanGate:
         )
 
     def start(self, text: str) -> StoredPlan:
-        """Start the run of an approved plan.
-
-        Args:
-            text: its hash, or the beginning of it.
+        """Start the run of an approved plan, by its hash or the beginning of it.
 
         Raises:
             AccessDeniedError: it is not approved, was used, or is for another fleet or other robots.

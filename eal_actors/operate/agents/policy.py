@@ -78,13 +78,7 @@ class Policy:
         return bool(self._rules)
 
     def judge(self, plan: Plan, fleet: Fleet, duration_s: float) -> tuple[PolicyRule | None, list[Problem]]:
-        """Return the first rule that allows a plan; None with why each rule does not.
-
-        Args:
-            plan: the plan.
-            fleet: the connected fleet.
-            duration_s: of the longest rehearsal, in seconds of the fleet's clock.
-        """
+        """Return the first rule that allows a plan with its longest rehearsal; None with why each rule does not."""
         why: dict[Problem, None] = {}
         for rule in self._rules:
             problems = _against(rule, plan, fleet, duration_s)

@@ -37,11 +37,7 @@ class SignIn:
         self._wrong: dict[str, tuple[int, float]] = {}
 
     def visitor(self, shown: str | None, source: str) -> Visitor:
-        """Return the holder of a token, or None.
-
-        Args:
-            shown: the token.
-            source: what counts as one address.
+        """Return the holder of a token shown from a source, which counts as one address; or None.
 
         Raises:
             AccessDeniedError: the token is of no operator, or the address is kept out.

@@ -38,11 +38,7 @@ _SEND_BUFFER_BYTES: Final = 256 * 1024
 
 
 def listen_at(host: str, port: int) -> socket.socket:
-    """Return a listening socket.
-
-    Args:
-        host: a name or address of this machine.
-        port: 0 for any free port.
+    """Return a socket that listens at an address of this machine; port 0 is any free port.
 
     Raises:
         ConfigError: the port is in use, or the address is not this machine's.

@@ -141,14 +141,7 @@ def _is_terminal(device: int) -> bool | None:
 
 
 def judge_device(device: NamedDevice, facts: DeviceFacts, user: str, others: Iterable[str] = ()) -> Diagnostic:
-    """Return whether a plugin will be able to open its device.
-
-    Args:
-        device: the device.
-        facts: the system's information on it.
-        user: the user's name.
-        others: similar devices that exist, for the advice on one that does not.
-    """
+    """Return whether a plugin will be able to open its device; `others` are similar devices, for the advice."""
     name = f"{device.path} of {device.robot}"
     if not facts.exists:
         there = ", ".join(others)
@@ -171,12 +164,7 @@ def judge_device(device: NamedDevice, facts: DeviceFacts, user: str, others: Ite
 
 
 def judge_camera(device: NamedDevice, capabilities: bytes | None) -> Diagnostic:
-    """Return whether a device captures pictures.
-
-    Args:
-        device: the device.
-        capabilities: its `struct v4l2_capability`; None if it has none.
-    """
+    """Return whether a device captures pictures, by its `struct v4l2_capability`; None if it has none."""
     if capabilities is None:
         return problem(
             _CAMERAS, f"{device.path} of {device.robot} is no camera", "Name another one: v4l2-ctl --list-devices"

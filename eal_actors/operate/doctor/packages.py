@@ -28,12 +28,7 @@ def check_packages() -> Iterator[Diagnostic]:
 
 
 def judge_python(version: tuple[int, ...], required: str) -> Diagnostic:
-    """Return the diagnostic of a version of Python.
-
-    Args:
-        version: such as (3, 11, 9).
-        required: the required version, such as `>=3.11`.
-    """
+    """Return the diagnostic of a version of Python, such as (3, 11, 9), by a requirement such as `>=3.11`."""
     text = ".".join(map(str, version))
     if _fits(text, required):
         return ok("python", f"Python {text} on {platform.system()} {platform.machine()}")
@@ -43,9 +38,7 @@ def judge_python(version: tuple[int, ...], required: str) -> Diagnostic:
 def judge_requirements(requirements: Iterable[str], installed: Mapping[str, str]) -> Iterator[Diagnostic]:
     """Yield problems with the packages that every installation needs, or a single good result.
 
-    Args:
-        requirements: requirements of the package's metadata; those of extras are ignored.
-        installed: versions by package name, in lower case with hyphens.
+    Names are in lower case with hyphens; requirements of extras are ignored.
     """
     fitting = []
     wrong = []

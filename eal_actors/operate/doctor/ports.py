@@ -23,12 +23,7 @@ def is_here(robot: RobotConfig) -> bool:
 
 
 def check_ports(robots: Iterable[RobotConfig], answering: Iterable[str]) -> Iterator[Diagnostic]:
-    """Yield diagnostics of the ports of robots on this machine.
-
-    Args:
-        robots: the robots with addresses of this machine.
-        answering: names of robots that are being served, and so use their ports themselves.
-    """
+    """Yield diagnostics of the ports of robots on this machine; robots that answer use their ports themselves."""
     served = set(answering)
     for robot in robots:
         text = robot.listen or robot.address
@@ -39,14 +34,7 @@ def check_ports(robots: Iterable[RobotConfig], answering: Iterable[str]) -> Iter
 
 
 def judge_port(robot: str, endpoint: str, *, is_served: bool, error: OSError | None) -> Diagnostic:
-    """Return the diagnostic of a port.
-
-    Args:
-        robot: the robot's name.
-        endpoint: such as `tcp/0.0.0.0:50000`.
-        is_served: whether the robot answers, and so uses its port.
-        error: the error of listening there; None for none, or if it was not tried.
-    """
+    """Return the diagnostic of a robot's port: it is served, listening there failed, or neither was tried."""
     if is_served:
         return ok(_AREA, f"{robot} is served at {endpoint}")
     if error is None:

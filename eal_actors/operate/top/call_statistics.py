@@ -50,10 +50,5 @@ class RecentCalls:
 
 
 def quantile(ascending: Sequence[float], part: float) -> float:
-    """Return a quantile of at least one value in ascending order, by the nearest rank.
-
-    Args:
-        ascending: the values.
-        part: over 0, up to 1.
-    """
+    """Return a quantile over 0, up to 1, of at least one value in ascending order, by the nearest rank."""
     return ascending[max(0, math.ceil(part * len(ascending)) - 1)]

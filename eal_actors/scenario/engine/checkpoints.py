@@ -107,12 +107,7 @@ def restore(run: RunContext, resumption: Resumption) -> None:
 
 
 def end_robots(run: RunContext, next_step: int) -> None:
-    """Set the outcome of every robot that still takes part, after the steps.
-
-    Args:
-        run: the run.
-        next_step: index of the first step of the top level that is not over.
-    """
+    """Set the outcome of every robot that still takes part; `next_step` is the first top-level step not over."""
     scenario, steps = run.plan.scenario, run.plan.scenario.file.steps
     roles: Iterable[str] = scenario.roles_at_work(steps, ("steps",), next_step)
     if any(step.needs_everyone() for step in steps[next_step:]):
@@ -183,15 +178,7 @@ def make_report(
     duration_s: float,
     outcome: tuple[RunOutcome, BaseException | None],
 ) -> Report:
-    """Return the report of a run that is over.
-
-    Args:
-        run: the run.
-        before: the interrupted run that it continues.
-        wall_started: when it began.
-        duration_s: its duration.
-        outcome: its outcome and its error.
-    """
+    """Return the report of a run that is over, and that may continue an interrupted one."""
     scenario, config = run.plan.scenario, run.fleet.config
     return Report(
         scenario=scenario.name,

@@ -303,10 +303,7 @@ class RunContext:
     ) -> Generator[Future[Any], None, Namespace]:
         """Call the robot for the readings in expressions; return their namespace.
 
-        Args:
-            context: the context of the step.
-            expressions: the expressions.
-            path: keep the values in the record under this path, and take those of an interrupted run.
+        With a path, the values are kept in the record under it, and those of an interrupted run are taken.
 
         Raises:
             EALError: a reading failed.

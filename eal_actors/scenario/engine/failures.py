@@ -48,12 +48,9 @@ class StepFailure:
         self._retries = self._policy.retry if isinstance(self._policy, RetryPolicy) else 0
 
     def repeats(self, error: EALError, attempts: int, losses: int) -> Generator[Future[Any], None, bool]:
-        """Return whether another attempt follows, after the pause before it.
+        """Return whether another attempt follows the one that failed, after the pause before it.
 
-        Args:
-            error: why the last attempt failed.
-            attempts: the number of attempts so far.
-            losses: the number of the robot's losses before the last one.
+        `losses` is the number of the robot's losses before that attempt.
         """
         run = self._run
         if (after_loss := (yield from self._after_loss(error, losses))) is None:
@@ -74,12 +71,7 @@ class StepFailure:
         return True
 
     def _after_loss(self, error: EALError, losses: int) -> Generator[Future[Any], None, EALError | None]:
-        """Apply the policy for lost robots if the robot was lost; return None to repeat the attempt.
-
-        Args:
-            error: why the attempt failed.
-            losses: the number of the robot's losses before it.
-        """
+        """Apply the policy for lost robots if the robot was lost; return None to repeat the attempt."""
         robot, run = self._robot, self._run
         if robot is None or run.losses is None or not robot.losses:
             return error

@@ -53,11 +53,7 @@ class EventLoop:
         return future
 
     def spawn(self, coroutine: Coroutine, on_end: Callable[[BaseException | None], None]) -> None:
-        """Start a coroutine: run it to its first future, and on whenever its futures are done.
-
-        Args:
-            coroutine: the generator.
-            on_end: called with the error that ended it, or None.
+        """Run a coroutine to its first future, and on whenever its futures are done; call back with its error, or None.
 
         Thread: the loop's own.
         """

@@ -110,11 +110,7 @@ class Losses:
     ) -> Generator[Future[Any], None, FailureAction | Literal["repeat"] | None]:
         """Wait for a robot whose step failed because it was lost, as its role wants it.
 
-        Args:
-            context: the context of the step.
-            robot: its robot.
-            error: why it failed.
-            losses: the number of the robot's losses before the attempt.
+        `losses` is the number of its losses before the attempt.
 
         Returns:
             What follows; None if it was no loss, if the robot is back at once, or if `on_lost` is not set.

@@ -32,13 +32,7 @@ def find_function(
 ) -> str | None:
     """Add a function to those found so far, and check its arguments; return the problem with them, or None.
 
-    It imports the module of the function, and so runs its code.
-
-    Args:
-        name: of an entry point, or `module:function`.
-        arguments: the names that a step passes.
-        fleet: the fleet, whose file allows functions.
-        functions: those found so far, by name.
+    It is an entry point, or a `module:function` that the fleet file allows. Its module is imported, so its code runs.
     """
     if name not in functions:
         found = _find(name, fleet)

@@ -54,12 +54,7 @@ class RepairedFile:
 
 
 def repair(tree: YamlTree, problems: Sequence[Problem]) -> RepairedFile | None:
-    """Return a file made valid; None if that takes too long.
-
-    Args:
-        tree: the invalid file, which stays as it is.
-        problems: of its validation.
-    """
+    """Return a file made valid by the problems of its validation; None if that takes too long."""
     copy = YamlTree(_clone(tree.root), tree.prefix)
     tried: dict[YamlPath, int] = {}
     names: set[str] = set()

@@ -81,10 +81,7 @@ class Step(StrictModel):
     def may_repeat(self, functions: Mapping[str, StepFunction], info: ResourceInfo | None, command: str | None) -> bool:
         """Return whether performing the step again, after it was interrupted, leads to the same state as once.
 
-        Args:
-            functions: the functions of the run's Python steps, by name.
-            info: the description of the resource that it calls, if there is one.
-            command: the text argument of its call.
+        `functions` are those of Python steps, by name; `info` and `command` are the resource and the text of a call.
         """
         return not self.children()
 
@@ -169,11 +166,7 @@ class Step(StrictModel):
     def count_calls(self, scenario: Scenario, path: YamlPath, robots: int | None, live: Mapping[str, int]) -> int:
         """Return the number of calls if nothing fails, as far as it is known.
 
-        Args:
-            scenario: the scenario of the step.
-            path: of the step.
-            robots: the number of robots of the `on` around the step; None outside of `on`.
-            live: the number of robots of each role.
+        `robots` is the number of robots of the `on` around the step, None outside of `on`; `live` is that of each role.
         """
         count = self.own_calls(robots or 0)
         passes = self.passes(scenario)
@@ -316,14 +309,7 @@ class Scenario:
     def problem(
         self, path: YamlPath, message: str, *, key: bool = False, inside: tuple[str, int] | None = None
     ) -> Problem:
-        """Return a problem at a position of the file.
-
-        Args:
-            path: of a value, from the top of the file.
-            message: the text of the problem.
-            key: the problem is with the key, not with the value.
-            inside: the value, a text, and the offset of the problem in it.
-        """
+        """Return a problem with the value at a path, with its key, or at an offset inside the value, a text."""
         mark = self.tree.mark_at(path, key=key)
         shift = 0 if inside is None else self._column_shift(mark, *inside)
         return Problem(mark.file, mark.line, mark.column + shift, format_path(path), message)
@@ -372,13 +358,7 @@ class Scenario:
                     yield owner, inner, f"{name}.{part.name}.{inner_name}", step_of_part
 
     def roles_at_work(self, steps: Sequence[Step], path: YamlPath, first: int = 0) -> Iterator[str]:
-        """Yield the roles at work in some of its steps, by their names in it.
-
-        Args:
-            steps: the steps.
-            path: their path.
-            first: index of the first step that counts.
-        """
+        """Yield the roles at work in some of its steps, from the first that counts, by their names in it."""
         for index, step in enumerate(steps[first:], first):
             yield from step.roles_at_work(self, (*path, index))
 

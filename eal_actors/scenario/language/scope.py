@@ -87,9 +87,7 @@ class Scope:
 def check_scope(scenario: Scenario, doubtful: Iterable[str] = ()) -> list[Problem]:
     """Return the problems of a scenario that do not depend on the fleet.
 
-    Args:
-        scenario: the scenario.
-        doubtful: names that may be variables, signals or roles, because parts of the file could not be read.
+    Doubtful names may be variables, signals or roles, because parts of the file could not be read.
     """
     check = ScopeCheck(scenario, frozenset(doubtful))
     for name in scenario.file.parameters:
@@ -169,14 +167,7 @@ class ScopeCheck:
     # Expressions.
 
     def template(self, value: object, path: YamlPath, scope: Scope, *, static: str = "") -> None:
-        """Check the `${...}` in a value, item by item if it is a list.
-
-        Args:
-            value: the value.
-            path: its position.
-            scope: the surroundings of its step.
-            static: names the value, if it must be known before the run.
-        """
+        """Check the `${...}` in a value, or in its items; `static` names one that must be known before the run."""
         if isinstance(value, tuple | list):
             for index, item in enumerate(value):
                 self.template(item, (*path, index), scope, static=static)

@@ -102,8 +102,8 @@ Wanted = Literal["seconds", "timeout", "count"]
 """The range of a number: seconds from 0, seconds over 0, or a whole number from 1."""
 
 Held = Literal[Wanted, "template", "condition", "variable"]
-"""What a field of a step holds: a number, or `${...}` that evaluates to one; other values with `${...}`; expressions
-without `${}`; or the name of a variable that the step assigns."""
+"""The content of a field of a step: a number, or `${...}` that evaluates to one; another value with `${...}`; an
+expression without `${}`; or the name of a variable that the step assigns."""
 
 
 def number_problem(value: object, wanted: Wanted) -> str | None:

@@ -51,12 +51,9 @@ def suffix_problem(name: str) -> str | None:
 
 
 def name_problems(name: str, varying: AbstractSet[str], around: Sequence[tuple[str, int | None]]) -> list[str]:
-    """Return the problems of a file name in a scenario.
+    """Return the problems of a file name in a scenario, with the variables in it that may change during the run.
 
-    Args:
-        name: the name.
-        varying: the variables in it that may change during the run.
-        around: the loops around the step, from the outermost: the variable, and the number of passes or None.
+    The loops around the step, from the outermost, are a variable and its number of passes or None.
     """
     problem = suffix_problem(name)
     if problem is not None:

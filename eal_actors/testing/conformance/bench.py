@@ -124,12 +124,7 @@ class Bench:
     def connected(
         self, devices: Sequence[EmulatedDevice | None], *, ready: bool = True
     ) -> Iterator[tuple[BenchRobot, ...]]:
-        """Connect a robot for each emulated device, or for None; raises like `robot`.
-
-        Args:
-            devices: each robot's emulated device; None for a robot without one.
-            ready: wait until the devices are ready.
-        """
+        """Connect a robot for each emulated device, or for None; wait for the devices if asked; as `robot`."""
         settings = [self.settings if one is None else settings_of(one.settings) for one in devices]
         with Fleet(self.config(settings)) as fleet:
             robots = tuple(fleet.values())

@@ -31,12 +31,7 @@ class PlannedMove:
 
 
 def action_graph(problem: TrafficProblem, paths: Sequence[Path]) -> list[list[PlannedMove]]:
-    """Return the moves of each traveller in their order.
-
-    Args:
-        problem: the problem.
-        paths: a valid plan.
-    """
+    """Return the moves of each traveller of a valid plan in their order."""
     moves: list[list[PlannedMove]] = [[] for _ in paths]
     ended_at: defaultdict[int, dict[int, int]] = defaultdict(dict)  # by place and traveller, its moves
     swept: defaultdict[int, dict[int, int]] = defaultdict(dict)  # the same for places that its moves block

@@ -59,12 +59,9 @@ class _Node:
 
 
 def search(problem: TrafficProblem, seed: int, max_work: int) -> list[Path]:
-    """Return a path for each traveller.
+    """Return a path for each traveller; the result depends on the problem and the seed alone.
 
-    Args:
-        problem: the problem.
-        seed: of the choices between equal ones; the result depends on nothing else.
-        max_work: the number of travellers that may be placed.
+    `max_work` bounds the number of travellers that are placed.
 
     Raises:
         NoPlanError: there is no plan.

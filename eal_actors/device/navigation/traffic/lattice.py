@@ -19,11 +19,7 @@ _OFFSETS: Final = 6
 
 
 def lay_lattice(inflated: OccupancyGrid, pitch_m: float) -> tuple[list[Point], list[Edge]]:
-    """Return the free places and the free ways between neighbours.
-
-    Args:
-        inflated: the map for the centre of the largest robot.
-        pitch_m: distance of neighbours.
+    """Return the free places at a pitch, and the free ways between neighbours, for the centre of the largest robot.
 
     Raises:
         TrafficError: there would be too many places.

@@ -21,13 +21,9 @@ _IDLE_ROUNDS: Final = 200
 
 
 def refine(problem: TrafficProblem, paths: list[Path], seed: int, max_work: int) -> list[Path]:
-    """Return a plan of at most the same cost.
+    """Return a plan of at most the cost of a valid one.
 
-    Args:
-        problem: the problem.
-        paths: a valid plan.
-        seed: of the choice of groups.
-        max_work: the number of places and steps that may be looked at; the last search may exceed it.
+    `max_work` bounds the number of places and steps that are looked at; the last search may exceed it.
     """
     table, chance = Timetable(problem, paths), random.Random(seed)  # noqa: S311
     least = [distances[start] for distances, start in zip(problem.distances, problem.starts, strict=True)]

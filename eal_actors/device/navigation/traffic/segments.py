@@ -9,12 +9,9 @@ Floats = NDArray[np.float64]
 
 
 def distances_to_ways_m(points: ArrayLike, heres: ArrayLike, theres: ArrayLike) -> Floats:
-    """Return the distance of each point from a straight way; shapes (n, 2) broadcast against each other.
+    """Return the distance of each point from a straight way; shapes (n, 2) in metres broadcast against each other.
 
-    Args:
-        points: x and y in m.
-        heres: one end of each way.
-        theres: the other end; a way of no length is a point.
+    A way of no length is a point.
     """
     at, here = np.asarray(points, np.float64), np.asarray(heres, np.float64)
     along = np.asarray(theres, np.float64) - here
