@@ -18,10 +18,7 @@ READINESS_PERIOD_S: Final = 0.5
 
 
 class ReadinessActor(ActivityActor):
-    """The owner of one resource, as far as the readiness of its device goes.
-
-    Thread: the actor's own.
-    """
+    """The owner of one resource, as far as the readiness of its device goes. Thread: the actor's own."""
 
     def __init__(self, cell: ResourceCell, capacity: int) -> None:
         super().__init__(cell, capacity)

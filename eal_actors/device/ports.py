@@ -115,10 +115,7 @@ class ReopeningDevice(Generic[_D]):
             raise NotReadyError(self._reason)
 
     def wait_until_open(self, timeout_s: float) -> bool:
-        """Wait until it is open, for some real seconds at most; return whether it is.
-
-        Thread: blocks the caller.
-        """
+        """Wait until it is open, for some real seconds at most; return whether it is. Thread: blocks the caller."""
         with self._clock.outside():
             return self._is_open.wait(timeout_s)
 

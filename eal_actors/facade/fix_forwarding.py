@@ -32,10 +32,7 @@ _FIXES: Final = ValueInfo(DataType.DOUBLE, shape=(None, _ROW))
 
 
 class FixForwarder:
-    """Forwards fixes while a fleet is open.
-
-    Thread: one at a time.
-    """
+    """Forwards fixes while a fleet is open. Thread: one at a time."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock

@@ -25,10 +25,7 @@ _AT_GOAL_M: Final = 0.05
 
 
 class Bystanders:
-    """The robots that stand.
-
-    Thread: that of the traffic control.
-    """
+    """The robots that stand. Thread: that of the traffic control."""
 
     def __init__(self, robots: Mapping[str, RobotHandle], positions: RobotPositions, clock: Clock) -> None:
         self._robots = robots

@@ -103,10 +103,7 @@ class StepKind(Step):
 
     @override
     def perform(self, run: RunContext, context: ExecutionContext, path: str) -> Coroutine:
-        """Perform the step for the robot of a context, or for none outside of `on`.
-
-        Thread: the run's own.
-        """
+        """Perform the step for the robot of a context, or for none outside of `on`. Thread: the run's own."""
         raise NotImplementedError
 
 
