@@ -91,16 +91,15 @@ CameraMaker: TypeAlias = "Callable[[PluginContext, str], Any]"
 """Opens a simulated camera: the `open_camera` of a plugin such as sim; see PluginContext.simulated_camera."""
 
 
+@dataclass(eq=False)
 class FleetServices:
     """The shared objects of one fleet's plugins: its clock, its world, and single objects such as a simulation.
 
-    Args:
+    Attributes:
         seed: the fleet's seed; every random generator of a plugin must derive from it.
         world: the fleet file's world, or None.
         open_port: opens simulated ports; None if there are none.
         open_camera: opens simulated cameras; None if there are none.
-
-    Attributes:
         proximity_observer: receives the gaps around simulated robots; set it before the robots connect.
         solid_robots: simulated robots touch and sense each other; set it before the robots connect.
         contacts: the contacts of simulated robots; a simulation appends to it, in any thread.
@@ -109,27 +108,19 @@ class FleetServices:
         markers: the id of the marker that each robot carries, by the robot's name.
     """
 
-    def __init__(
-        self,
-        clock: Clock,
-        seed: int = 0,
-        world: WorldModel | None = None,
-        open_port: PortMaker | None = None,
-        open_camera: CameraMaker | None = None,
-    ) -> None:
-        self.clock = clock
-        self.seed = seed
-        self.world = world
-        self.open_port = open_port
-        self.open_camera = open_camera
-        self.markers: Mapping[str, int] = {}
-        self.proximity_observer: ProximityObserver | None = None
-        self.solid_robots = True
-        self.contacts: Final[list[Contact]] = []
-        self.picture_log: PictureLog | None = None
-        self._lock = threading.RLock()
-        self._shared: dict[Hashable, Any] = {}
-        self._links: dict[str, FaultyLink] = {}
+    clock: Clock
+    seed: int = 0
+    world: WorldModel | None = None
+    open_port: PortMaker | None = None
+    open_camera: CameraMaker | None = None
+    markers: Mapping[str, int] = field(default_factory=dict, init=False)
+    proximity_observer: ProximityObserver | None = field(default=None, init=False)
+    solid_robots: bool = field(default=True, init=False)
+    contacts: Final[list[Contact]] = field(default_factory=list, init=False)
+    picture_log: PictureLog | None = field(default=None, init=False)
+    _lock: threading.RLock = field(default_factory=threading.RLock, init=False)
+    _shared: dict[Hashable, Any] = field(default_factory=dict, init=False)
+    _links: dict[str, FaultyLink] = field(default_factory=dict, init=False)
 
     def link(self, robot: str) -> FaultyLink:
         """Return the link to a robot, for plugins that inject faults. Thread: any."""

@@ -18,7 +18,6 @@ from eal_actors.scenario.report.summary import Report
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _Dashes: TypeAlias = str | tuple[int, tuple[int, ...]]
 
@@ -87,9 +86,19 @@ def draw_trajectory(
     Returns:
         `out`, or None when matplotlib is not installed, which is logged.
     """
-    figure = _figure(paths, world, title, outcomes or {}, breaks_s, lost_s or {})
+    figure = new_figure(9.0, 8.0)
     if figure is None:
         return None
+    arena, headings = figure.subplots(2, 1, height_ratios=(3, 1))
+    _draw_paths(arena, headings, paths, world, outcomes or {}, breaks_s, lost_s or {})
+    for break_s in breaks_s:
+        headings.axvline(break_s, color="black", linewidth=0.8, linestyle=":")
+    _label(arena, title)
+    tick_quarter_turns(headings)
+    headings.set(xlabel="fleet time [s]", ylabel="heading [°]")
+    draw_grid(headings)
+    if 0 < len(paths) <= _MOST_IN_LEGEND:
+        figure.legend(*arena.get_legend_handles_labels(), loc="outside right upper", frameon=False, handlelength=3.5)
     figure.savefig(out, format="svg" if isinstance(out, io.StringIO) else "png")
     return out
 
@@ -132,30 +141,6 @@ def draw_map(
     svg = out.getvalue()
     scale = float(one_x - zero_x), float(one_y - zero_y)
     return MapPicture(svg[svg.index("<svg") :], float(zero_x), float(top - zero_y), *scale)  # without the XML head
-
-
-def _figure(
-    paths: Mapping[str, Sequence[PoseSample]],
-    world: WorldModel | None,
-    title: str,
-    outcomes: Mapping[str, str],
-    breaks_s: Sequence[float],
-    lost_s: Mapping[str, float],
-) -> Figure | None:
-    figure = new_figure(9.0, 8.0)
-    if figure is None:
-        return None
-    arena, headings = figure.subplots(2, 1, height_ratios=(3, 1))
-    _draw_paths(arena, headings, paths, world, outcomes, breaks_s, lost_s)
-    for break_s in breaks_s:
-        headings.axvline(break_s, color="black", linewidth=0.8, linestyle=":")
-    _label(arena, title)
-    tick_quarter_turns(headings)
-    headings.set(xlabel="fleet time [s]", ylabel="heading [°]")
-    draw_grid(headings)
-    if 0 < len(paths) <= _MOST_IN_LEGEND:
-        figure.legend(*arena.get_legend_handles_labels(), loc="outside right upper", frameon=False, handlelength=3.5)
-    return figure
 
 
 def _draw_paths(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from typing import Final, NamedTuple, Self, TypeAlias
 
 from eal_actors.actors.future import Future
@@ -117,11 +118,11 @@ class Sampler:
             )
 
 
+@dataclass
 class _SampledResource:
     """A resource and its pending answer."""
 
-    def __init__(self, resource: ResourceHandle, timeout_s: float) -> None:
-        self.resource = resource
-        self.timeout_s = timeout_s
-        self.answer: Future[EALData] | None = None
-        self.is_wanted = True
+    resource: ResourceHandle
+    timeout_s: float
+    answer: Future[EALData] | None = None
+    is_wanted: bool = True

@@ -10,7 +10,7 @@ from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle
 from eal_actors.device.data import DataType, EALData
-from eal_actors.kernel.errors import ConfigError, EALError, PreemptedError, RobotNotFoundError, StoppedError, error_text
+from eal_actors.kernel.errors import ConfigError, EALError, PreemptedError, StoppedError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.operate.dashboard.cameras import Cameras
 from eal_actors.operate.dashboard.control import DashboardContext
@@ -135,8 +135,6 @@ class Dispatcher:
         self._values.leave(browser)
 
     def _describe(self, robot: str) -> list[dict[str, Any]]:
-        if robot not in self._fleet:
-            raise RobotNotFoundError(f"there is no robot {robot!r}")
         return [to_json_value(info.to_dict()) for _, info in infos_of(self._fleet[robot])]
 
     def _drive(self, message: DriveRobot, browser: str, reply: Reply) -> None:
@@ -192,8 +190,6 @@ class Dispatcher:
         gather(running.values(), return_exceptions=True).add_done_callback(on_done)
 
     def _start_command(self, name: str, message: CommandRobots, browser: str) -> Future[Any]:
-        if name not in self._fleet:
-            raise RobotNotFoundError(f"there is no robot {name!r}")
         robot = self._fleet[name]
         if not message.resource:
             return robot.halt()
@@ -227,8 +223,6 @@ class Dispatcher:
         self._journeys.send(message, browser, on_end)
 
     def _call(self, message: CallResource, browser: str, reply: Reply) -> None:
-        if message.robot not in self._fleet:
-            raise RobotNotFoundError(f"there is no robot {message.robot!r}")
         resource = self._fleet[message.robot][message.resource]
         is_command = message.method in _COMMANDS
         if is_command:
@@ -268,23 +262,15 @@ def _answer_for_all(number: int, outcomes: Mapping[str, Any]) -> dict[str, Any]:
 
 def _start_call(resource: ResourceHandle, message: CallResource) -> Future[Any]:
     text, value = message.text or "", list(message.value) if isinstance(message.value, tuple) else message.value
-    match message.method:
-        case "set_value":
-            return resource.set_value(value)
-        case "send_req":
-            return resource.send_req(text)
-        case "send_cmd":
-            return resource.send_cmd(text, value)
-        case "get_config":
-            return resource.get_config(text)
-        case "set_config":
-            return resource.set_config(text, value)
-        case "get_status":
-            return resource.get_status()
-        case "get_value":
-            return resource.get_value()
-        case "halt":
-            return resource.halt()
+    given = {
+        "set_value": (value,),
+        "send_req": (text,),
+        "send_cmd": (text, value),
+        "get_config": (text,),
+        "set_config": (text, value),
+    }
+    answer: Future[Any] = getattr(resource, message.method)(*given.get(message.method, ()))
+    return answer
 
 
 def failure(number: int | None, error: BaseException) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from eal_actors.actors.future import Future
@@ -13,14 +14,12 @@ from eal_actors.scenario.language.expressions import Expression, Namespace, expr
 from eal_actors.scenario.language.values import Wanted, checked_number
 
 
+@dataclass(eq=False)
 class StepAction:
     """A step as one robot performs it, or no robot.
 
-    Args:
-        label: the step in records, for people.
-        work: performs the step once.
-
     Attributes:
+        label: the step in records, for people.
         resource: the resource that it calls, or None.
         command: the text argument of the call, or None.
         is_begun: it has gone further than evaluating its expressions.
@@ -31,25 +30,18 @@ class StepAction:
         path: where the record keeps its readings; None if the step itself is in the record.
     """
 
-    def __init__(
-        self,
-        run: RunContext,
-        context: ExecutionContext,
-        label: str,
-        work: Callable[[StepAction], Coroutine],
-    ) -> None:
-        self.run = run
-        self.context = context
-        self.label = label
-        self.resource: str | None = None
-        self.command: str | None = None
-        self.is_begun = True
-        self.began_s: float | None = None
-        self.answer: object = None
-        self.late: Sequence[Participant] = ()
-        self.role: str | None = None
-        self.path: str | None = None
-        self._work = work
+    run: RunContext
+    context: ExecutionContext
+    label: str
+    _work: Callable[[StepAction], Coroutine]
+    resource: str | None = None
+    command: str | None = None
+    is_begun: bool = True
+    began_s: float | None = None
+    answer: object = None
+    late: Sequence[Participant] = ()
+    role: str | None = None
+    path: str | None = None
 
     def attempt(self) -> Coroutine:
         """Perform the step once.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Hashable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, TypeAlias
 
@@ -246,26 +246,20 @@ class StepGroup:
         yield from self._run.halt([robot for robot in robots if robot.outcome is None], touched)
 
 
+@dataclass(eq=False)
 class _Execution:
     """The execution of one step by one robot."""
 
-    def __init__(
-        self,
-        run: RunContext,
-        context: ExecutionContext,
-        step: FallibleModel,
-        path: str,
-        action: StepAction,
-        is_quiet: bool,
-    ) -> None:
-        self._run = run
-        self._context = context
-        self._step = step
-        self._path = path
-        self._action = action
-        self._is_quiet = is_quiet
-        self._robot = context.robot
-        self.is_done = False
+    _run: RunContext
+    _context: ExecutionContext
+    _step: FallibleModel
+    _path: str
+    _action: StepAction
+    _is_quiet: bool
+    is_done: bool = False
+
+    def __post_init__(self) -> None:
+        self._robot = self._context.robot
 
     @property
     def _name(self) -> str | None:

@@ -96,15 +96,14 @@ class RoleSlot:
         return {"robot": self.robot.name, "role": role, "index": index, "count": count}
 
 
+@dataclass(eq=False)
 class StepTask:
     """A task: steps that run one after the other, beside those of other tasks.
 
-    Args:
+    Attributes:
         parent: the task that waits for it; None for the main one.
         slot: of the robot whose steps they are; None outside of `on`.
         repeats: the block that they are an attempt of, if a failure repeats it.
-
-    Attributes:
         pending: the futures that it waits for.
         touched: the resources of its robot that it, or a task inside it, has called.
         touches_all: it may have called any resource.
@@ -113,26 +112,18 @@ class StepTask:
         error: the failure that ended this attempt of a block, or None.
     """
 
-    def __init__(
-        self,
-        parent: StepTask | None = None,
-        slot: RoleSlot | None = None,
-        branch: str | None = None,
-        meets: frozenset[Hashable] = frozenset(),
-        repeats: object = None,
-    ) -> None:
-        self.parent = parent
-        self.slot = slot
-        self.branch = branch
-        self.meets = meets
-        self.repeats = repeats
-        self.error: EALError | None = None
-        self.children: dict[StepTask, None] = {}
-        self.pending: dict[Future[Any], None] = {}
-        self.is_stopped = False
-        self.steps_taken = 0
-        self.touched: dict[str, None] = {}
-        self.touches_all = False
+    parent: StepTask | None = None
+    slot: RoleSlot | None = None
+    branch: str | None = None
+    meets: frozenset[Hashable] = frozenset()
+    repeats: object = None
+    error: EALError | None = field(default=None, init=False)
+    children: dict[StepTask, None] = field(default_factory=dict, init=False)
+    pending: dict[Future[Any], None] = field(default_factory=dict, init=False)
+    is_stopped: bool = field(default=False, init=False)
+    steps_taken: int = field(default=0, init=False)
+    touched: dict[str, None] = field(default_factory=dict, init=False)
+    touches_all: bool = field(default=False, init=False)
 
     @property
     def name(self) -> str:

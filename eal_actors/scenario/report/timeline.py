@@ -56,6 +56,7 @@ class Timeline:
         return cls(builder.entries(file.steps, ("steps",), ()), builder.entries(file.finally_, ("finally",), ()))
 
 
+@dataclass(frozen=True, slots=True)
 class TimelineBuilder:
     """Makes the entries for the steps of one scenario.
 
@@ -63,10 +64,9 @@ class TimelineBuilder:
         roles: the robots of each role.
     """
 
-    def __init__(self, scenario: Scenario, roles: Mapping[str, Sequence[str]], prefix: str = "") -> None:
-        self.scenario = scenario
-        self.roles = roles
-        self._prefix = prefix
+    scenario: Scenario
+    roles: Mapping[str, Sequence[str]]
+    _prefix: str = ""
 
     def entries(self, steps: Sequence[Step], path: YamlPath, robots: tuple[str, ...]) -> tuple[TimelineEntry, ...]:
         """Return an entry for each step."""
