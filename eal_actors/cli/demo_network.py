@@ -113,11 +113,7 @@ def _server(fleet: Path, robot: str) -> Iterator[subprocess.Popen[str]]:
 
 
 def _wait_until_listening(robot: str, server: subprocess.Popen[str]) -> str:
-    """Return the line that a server prints when it listens.
-
-    Raises:
-        UnavailableError: the server has ended instead; its stderr says why.
-    """
+    """Return the line that a server prints when it listens; raise UnavailableError if the server has ended instead."""
     for line in server.stdout or ():
         if line.startswith("listening"):
             return f"{robot}: {line.rstrip()}"

@@ -62,11 +62,7 @@ def header_for(file: Path, kind: str) -> str:
 
 
 def _read(file: Path) -> dict[str, Any]:
-    """Return the settings of a file; nothing if there is none.
-
-    Raises:
-        ConfigError: it is no JSON, such as one with comments: it would be lost.
-    """
+    """Return the settings of a file, nothing without one; raise ConfigError if it is no JSON, such as with comments."""
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
     except FileNotFoundError:

@@ -115,11 +115,7 @@ class ScenarioCase(pytest.Item):
             return run_scenario(scenario, opened, directory=directory)
 
     def _fleet_file(self) -> Path:
-        """Return the fleet file of the command line, of the scenario, or of its folder.
-
-        Raises:
-            ArgumentError: none exists.
-        """
+        """Return the fleet file of the command line, scenario, or folder; raise ArgumentError if there is none."""
         given: Path | None = self.config.getoption("--eal-fleet")
         return find_fleet_beside(self.path) if given is None else Path(self.config.invocation_params.dir) / given
 

@@ -265,11 +265,7 @@ class ClosedLoop:
         return None
 
     def _hold(self, twist: PlanarTwist) -> Activity:
-        """Drive at a twist for one period; a base that is silent stands, and is tried again.
-
-        Raises:
-            UnavailableError: it stays silent.
-        """
+        """Drive at a twist for one period; a silent base stands and is tried again; raise UnavailableError at last."""
         clock = self._device.clock
         end_s = clock.now() + PERIOD_S
         activity = self._device.hold(*twist, _TWIST_S)

@@ -134,11 +134,7 @@ def _way_out(grid: OccupancyGrid, start: Point) -> Point:
 
 
 def _search(blocked: Mask, start: _Cell, goal: _Cell, most_cells: int) -> list[_Cell]:
-    """Return the cells of a shortest path over eight neighbours; both ends are in one region, so there is one.
-
-    Raises:
-        NoPathError: it entered `most_cells`.
-    """
+    """Return the cells of a shortest path over eight neighbours in one region; raise NoPathError after `most_cells`."""
     width = blocked.shape[1] + 2  # a frame of blocked cells spares each step the test of the border
     walls = np.pad(blocked, 1, constant_values=True).tobytes()
     first, last = ((row + 1) * width + column + 1 for row, column in (start, goal))

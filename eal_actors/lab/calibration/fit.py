@@ -109,11 +109,7 @@ def _assess(ends: SquareEnds, side_m: float, unknowns: Vector, left_over: Vector
 
 
 def _gauss_newton(residuals: Residuals, unknowns: Vector, left_over: Vector) -> Vector:
-    """Return the change of the unknowns that solves the linearised problem.
-
-    Raises:
-        ArgumentError: the effects of the unknowns cannot be told apart.
-    """
+    """Return the change that solves the linearised problem; raise ArgumentError if the unknowns look the same."""
     slopes = [_slope(residuals, unknowns, index) for index in range(2)]
     (a, b), (_, d) = [[_dot(one, other) for other in slopes] for one in slopes]
     e, f = (-_dot(slope, left_over) for slope in slopes)

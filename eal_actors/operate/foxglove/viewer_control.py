@@ -169,11 +169,7 @@ def _twist(data: bytes) -> Twist:
 
 
 def _split(name: str) -> tuple[str, str, str]:
-    """Return robot, resource and key; a resource may have a dot in its name.
-
-    Raises:
-        ValueError: there are too few parts.
-    """
+    """Return robot, resource and key; a resource may have a dot in its name. Raise ValueError if a part is missing."""
     robot, _, rest = name.partition(".")
     resource, _, key = rest.rpartition(".")
     if not resource:

@@ -112,11 +112,7 @@ class Journal:
 
 
 def _lock(stream: IO[str], directory: Path) -> None:
-    """Hold the record until the stream is closed, or its process dies.
-
-    Raises:
-        ScenarioError: another process holds it.
-    """
+    """Hold the record until the stream is closed or its process dies; raise ScenarioError if another one does."""
     try:
         posix.lock(stream)
     except BlockingIOError:
