@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import yaml
 
@@ -20,6 +20,8 @@ from eal_actors.managers.manifest import FaultSection, discover
 Content = Mapping[str, Any]
 """The content of a fleet file."""
 
+KEYS_OF_ROBOTS: Final = ("tags", "timeout_s", "mailbox", "restart", "max_restarts", "restart_window_s", "exclusive")
+"""The keys of a robot that change how it is run."""
 FAULTS = "faults"
 """The setting of a simulating plugin that lists the faults of its robot."""
 
@@ -47,8 +49,7 @@ def _robot_content(robot: RobotConfig) -> dict[str, Any]:
         name: ({} if one.plugin == name else {"plugin": one.plugin}) | dict(plain(one.settings))
         for name, one in robot.plugins.items()
     }
-    keys = ("tags", "timeout_s", "mailbox", "restart", "max_restarts", "restart_window_s", "exclusive")
-    values = {key: getattr(robot, key) for key in keys}
+    values = {key: getattr(robot, key) for key in KEYS_OF_ROBOTS}
     changed = {key: value for key, value in values.items() if value != Level.model_fields[key].default}
     pose = robot.pose.model_dump(mode="json", by_alias=True, exclude_defaults=True)
     listed = {key: list(value) if isinstance(value, tuple) else value for key, value in changed.items()}

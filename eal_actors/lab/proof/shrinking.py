@@ -9,13 +9,12 @@ from typing import Any, Final
 
 from eal_actors.lab.proof.cases import KILLED, FaultCase
 from eal_actors.lab.proof.findings import LEAST_FLEET, keep_finding
-from eal_actors.lab.proof.fleet_files import Content, with_faults
+from eal_actors.lab.proof.fleet_files import KEYS_OF_ROBOTS, Content, with_faults
 from eal_actors.lab.proof.invariants import Trials, Violation, judge
 from eal_actors.lab.proof.trial import Trial, TrialTask, TrialWorker
 
 MOST_TRIALS: Final = 60
 """A finding is shrunk with at most so many trials."""
-_KEYS_OF_ROBOTS: Final = ("tags", "timeout_s", "mailbox", "restart", "max_restarts", "restart_window_s", "exclusive")
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,11 +95,11 @@ def shrink(task: ShrinkTask, worker: TrialWorker) -> LeastCase | None:
     return _Shrinker(task, worker).shrink()
 
 
+@dataclass
 class _Shrinker:
-    def __init__(self, task: ShrinkTask, worker: TrialWorker) -> None:
-        self._task = task
-        self._worker = worker
-        self._trials = 0
+    _task: ShrinkTask
+    _worker: TrialWorker
+    _trials: int = 0
 
     def shrink(self) -> LeastCase | None:
         content, case = self._task.content, self._task.case
@@ -153,7 +152,7 @@ def _without_keys(content: Content) -> Iterator[Content]:
             if key == "types":
                 changed = _with_robots(changed, lambda robot: _without(robot, "type"))
             yield changed
-    for key in _KEYS_OF_ROBOTS:
+    for key in KEYS_OF_ROBOTS:
         if any(key in robot for robot in content["robots"].values()):
             yield _with_robots(content, lambda robot, key=key: _without(robot, key))  # type: ignore[misc]
     if content["seed"]:

@@ -125,7 +125,7 @@ def perform_trial(
             plan = make_plan(scenario, fleet, binding=binding)
         except EALError as error:
             return Trial(None, str(error))
-        trial = _Controller(plan, fleet, Path(folder) / "run", limit_s).run(kill_at_s)
+        trial = _perform(plan, fleet, Path(folder) / "run", limit_s, kill_at_s)
         before = _true_poses(fleet)
         fleet.clock.sleep(_AFTER_S)
         after = _true_poses(fleet)
@@ -137,34 +137,25 @@ def perform_trial(
         )
 
 
-class _Controller:
-    """The process that performs a scenario, and that may be killed."""
-
-    def __init__(self, plan: Plan, fleet: Fleet, directory: Path, limit_s: float) -> None:
-        self._plan = plan
-        self._fleet = fleet
-        self._directory = directory
-        self._limit_s = limit_s
-
-    def run(self, kill_at_s: float | None) -> Trial:
-        """Perform the scenario, if need be in two halves."""
-        clock = self._fleet.clock
-        run = Run(self._plan, self._fleet, self._directory, keeps_files=False)
+def _perform(plan: Plan, fleet: Fleet, directory: Path, limit_s: float, kill_at_s: float | None) -> Trial:
+    """Perform the scenario; in two halves if its controller, the process that performs it, is killed."""
+    clock = fleet.clock
+    run = Run(plan, fleet, directory, keeps_files=False)
+    future = run.start()
+    start_s = run.start_s
+    if kill_at_s is not None and not ends_before(future, clock, kill_at_s - clock.now()):
+        stop_run(run, future, clock)
+        cut_record(directory, kill_at_s - start_s)
+        try:
+            past = read_run(directory)
+            run = Run(plan, fleet, directory, resumption=past, keeps_files=False)
+        except ScenarioError as error:
+            return Trial(None, str(error).replace(f" in {directory}", ""), start_s)
         future = run.start()
-        start_s = run.start_s
-        if kill_at_s is not None and not ends_before(future, clock, kill_at_s - clock.now()):
-            stop_run(run, future, clock)
-            cut_record(self._directory, kill_at_s - start_s)
-            try:
-                past = read_run(self._directory)
-                run = Run(self._plan, self._fleet, self._directory, resumption=past, keeps_files=False)
-            except ScenarioError as error:
-                return Trial(None, str(error).replace(f" in {self._directory}", ""), start_s)
-            future = run.start()
-        is_late = not ends_before(future, clock, self._limit_s)
-        if is_late:
-            stop_run(run, future, clock)
-        return Trial(future.get(), "", start_s, is_late)
+    is_late = not ends_before(future, clock, limit_s)
+    if is_late:
+        stop_run(run, future, clock)
+    return Trial(future.get(), "", start_s, is_late)
 
 
 def stop_run(run: Run, future: Future[Report], clock: Clock) -> None:
