@@ -26,12 +26,10 @@ class Envelope(Protocol):
     @property
     def message(self) -> Any:
         """The message to handle."""
-        ...
 
     @property
     def reply_to(self) -> Any:
         """Pykka's future for the answer, or None."""
-        ...
 
 
 class Action(Timer):
