@@ -30,7 +30,7 @@ from eal_actors.wire.rpc.server.host import RobotHost
 from eal_actors.wire.transport import Transport
 from tests.benchmarks import network_host
 from tests.benchmarks.network_host import fleet_of
-from tests.benchmarks.page import machine, write_between
+from tests.benchmarks.page import machine, publish
 from tests.net.links import free_port
 
 ROOT: Final = Path(__file__).parents[2]
@@ -100,19 +100,35 @@ def serve() -> None:
     sys.stdout.flush()
 
 
+class RobotProcess:
+    """A process of a benchmark's module that serves a robot, and prints one line of JSON when its input ends."""
+
+    def __init__(self, module: str, *arguments: str) -> None:
+        command = [sys.executable, "-m", module, "--serve", *arguments]
+        self.process = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        assert self.process.stdout is not None
+        assert self.process.stdout.readline() == "up\n"
+
+    def begin(self) -> None:
+        """Send an empty line."""
+        assert self.process.stdin is not None
+        self.process.stdin.write("\n")
+        self.process.stdin.flush()
+
+    def end(self) -> Any:
+        """Return what it prints at the end."""
+        return json.loads(self.process.communicate()[0])
+
+    def kill(self) -> None:
+        """Kill it, if it has not ended."""
+        self.process.kill()
+        self.process.wait()
+
+
 def measure(call: Callable[[Any], object], port: int) -> dict[str, float]:
     """Return the median microseconds of each leg."""
-    robot = subprocess.Popen(
-        [sys.executable, "-m", "tests.benchmarks.account", "--serve", "1", str(port)],
-        cwd=ROOT,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert robot.stdin is not None
-    assert robot.stdout is not None
+    robot = RobotProcess("tests.benchmarks.account", "1", str(port))
     try:
-        assert robot.stdout.readline() == "up\n"
         spans: list[tuple[int, int]] = []
         with Fleet(fleet_of(1, port)) as fleet:
             lamp = fleet["bot1"]["Lamp"]
@@ -120,11 +136,9 @@ def measure(call: Callable[[Any], object], port: int) -> dict[str, float]:
                 start = time.monotonic_ns()
                 call(lamp)
                 spans.append((start, time.monotonic_ns()))
-        robot.stdin.close()
-        every = sorted([*notes, *map(tuple, json.loads(robot.stdout.readline()))], key=lambda note: note[1])
+        every = sorted([*notes, *map(tuple, robot.end())], key=lambda note: note[1])
     finally:
         robot.kill()
-        robot.wait()
     return legs(spans[WARM_UP:], every)
 
 
@@ -196,10 +210,7 @@ def main() -> None:
         lines = [f"| {what} | {reading:.0f} | {command:.0f} |" for what, (reading, command) in account().items()]
         sys.stdout.write("\n".join(["| what | get_value, µs | send_cmd, µs |", "|---|---|---|", *lines]) + "\n")
     else:
-        text = table(options.before)
-        sys.stdout.write(text + "\n")
-        if options.page is not None:
-            write_between(options.page, BEGIN, text)
+        publish(table(options.before), options.page, BEGIN)
 
 
 if __name__ == "__main__":

@@ -34,7 +34,7 @@ from eal_actors.wire.engine_threads import share_threads
 from eal_actors.wire.format import keys
 from tests.benchmarks.least import LeastController, LeastRobot
 from tests.benchmarks.network_host import FRAME, fleet_of
-from tests.benchmarks.page import machine, write_between
+from tests.benchmarks.page import machine, publish
 from tests.benchmarks.peers.engine import session
 from tests.benchmarks.peers.peer import GIVE_UP_S, VALUE, Server, timed
 from tests.benchmarks.peers.tcp import TcpClient
@@ -267,10 +267,7 @@ def main() -> None:
         serve(options.serve[0], int(options.serve[1]))
         return
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
-    text = table(measure(options.rounds, CALLS))
-    sys.stdout.write(text + "\n")
-    if options.page is not None:
-        write_between(options.page, BEGIN, text)
+    publish(table(measure(options.rounds, CALLS)), options.page, BEGIN)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,6 @@ import argparse
 import json
 import os
 import statistics
-import subprocess
 import sys
 import threading
 from collections import Counter
@@ -30,8 +29,8 @@ from eal_actors.wire.format.messages import decode_call, decode_reply
 from eal_actors.wire.format.readings import encode_reading, encode_value
 from tests.benchmarks import account, floor
 from tests.benchmarks.network_host import fleet_of, serving
-from tests.benchmarks.page import machine, write_between
-from tests.benchmarks.peers.peer import ROOT, Server, timed
+from tests.benchmarks.page import machine, publish
+from tests.benchmarks.peers.peer import Server, timed
 from tests.net.links import free_port
 
 BEGIN: Final = "<!-- written by python -m tests.benchmarks.interpreter: begin -->"
@@ -99,32 +98,23 @@ def serve_counting() -> None:
 def count(call: Callable[[Any], object]) -> list[float]:
     """Return instructions and functions of a call: at the controller, then at the robot."""
     port, counts = free_port(), Counts()
-    robot = subprocess.Popen(
-        [sys.executable, "-m", "tests.benchmarks.interpreter", "--serve", str(port)],
-        cwd=ROOT,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert robot.stdin is not None
-    assert robot.stdout is not None
-    assert robot.stdout.readline() == "up\n"
+    robot = account.RobotProcess("tests.benchmarks.interpreter", str(port))
     counts.watch()
     try:
         with Fleet(fleet_of(1, port)) as fleet:
             lamp = fleet["bot1"]["Lamp"]
             for _ in range(CALLS // 3):
                 call(lamp)
-            robot.stdin.write("\n")
-            robot.stdin.flush()
+            robot.begin()
             counts.is_on = True
             for _ in range(CALLS):
                 call(lamp)
             counts.is_on = False
+        there = robot.end()
     finally:
+        robot.kill()
         sys.settrace(None)
         threading.settrace(None)
-    there = json.loads(robot.communicate()[0])
     return [number / CALLS for number in (*counts.totals(), *there)]
 
 
@@ -231,10 +221,7 @@ def main() -> None:
     options = parser.parse_args()
     share_threads()
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
-    text = table()
-    sys.stdout.write(text + "\n")
-    if options.page is not None:
-        write_between(options.page, BEGIN, text)
+    publish(table(), options.page, BEGIN)
 
 
 if __name__ == "__main__":

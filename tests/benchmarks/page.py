@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import sys
 from pathlib import Path
 from typing import Final
 
@@ -24,6 +25,13 @@ def rows_between(page: Path, begin: str) -> list[list[str]]:
     lines = content[start : content.index(END, start)].splitlines()
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("|")]
     return rows[2:]
+
+
+def publish(text: str, page: Path | None, begin: str) -> None:
+    """Print a table, and write it into a page if one is named."""
+    sys.stdout.write(text + "\n")
+    if page is not None:
+        write_between(page, begin, text)
 
 
 def write_between(page: Path, begin: str, text: str) -> None:

@@ -7,20 +7,21 @@ there are.
 
 from __future__ import annotations
 
-import argparse
 import math
 import statistics
 import sys
-from collections.abc import Callable
-from pathlib import Path
-from typing import Final
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Final
 
 from eal_actors import EALError, Fleet, gather
 from eal_actors.actors.robot_view import RobotState
 from tests.benchmarks.network_host import fleet_of
-from tests.benchmarks.page import machine, write_between
-from tests.benchmarks.peers.peer import ROOT, Server, timed
+from tests.benchmarks.page import machine
+from tests.benchmarks.peers.peer import Server, timed
 from tests.net.links import free_port
+
+if TYPE_CHECKING:
+    from tests.benchmarks.driver import Driver
 
 BEGIN: Final = "<!-- written by python -m tests.benchmarks.thousand: begin -->"
 ROBOTS: Final = 1000
@@ -59,52 +60,31 @@ def drive() -> None:
         host.kill()
 
 
-def measure(before: Path, rounds: int) -> dict[str, tuple[list[float], list[float]]]:
+def measure(drivers: Sequence[Driver], rounds: int) -> dict[str, tuple[list[float], list[float]]]:
     """Return the seconds of each action, before and now, round by round."""
-    from tests.benchmarks.versions import Driver
-
-    drivers = [Driver(checkout, __file__) for checkout in (before, ROOT)]
     seconds: dict[str, tuple[list[float], list[float]]] = {ONE: ([], []), THREE: ([], [])}
-    try:
-        for is_warm in (False, *[True] * rounds):
-            for what, columns in seconds.items():
-                for driver, column in zip(drivers, columns, strict=True):
-                    taken_s = driver.ask(what)
-                    if is_warm and math.isfinite(taken_s):
-                        column.append(taken_s)
-    finally:
-        for driver in drivers:
-            driver.close()
+    for is_warm in (False, *[True] * rounds):
+        for what, columns in seconds.items():
+            for driver, column in zip(drivers, columns, strict=True):
+                taken_s = driver.ask(what)
+                if is_warm and math.isfinite(taken_s):
+                    column.append(taken_s)
     return seconds
 
 
-def table(seconds: dict[str, tuple[list[float], list[float]]]) -> str:
+def table(drivers: Sequence[Driver], rounds: int) -> str:
     """Return the seconds in Markdown."""
     lines = ["| of 1,000 robots | before | now | now / before |", "|---|---|---|---|"]
-    for what, (before, now) in seconds.items():
+    for what, (before, now) in measure(drivers, rounds).items():
         old_s, new_s = statistics.median(before), statistics.median(now)
         lines.append(f"| {what} | {1000 * old_s:.0f} ms | {1000 * new_s:.0f} ms | {new_s / old_s:.2f} |")
     return "\n".join([*lines, "", f"{machine()}."])
 
 
-def main() -> None:
-    """Measure, print the table, and write it into a page."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--before", type=Path)
-    parser.add_argument("--page", type=Path)
-    parser.add_argument("--rounds", type=int, default=ROUNDS)
-    parser.add_argument("--drive", action="store_true")
-    options = parser.parse_args()
-    if options.drive:
-        drive()
-        return
-    if options.before is None:
-        parser.error("--before CHECKOUT is missing")
-    text = table(measure(options.before, options.rounds))
-    sys.stdout.write(text + "\n")
-    if options.page is not None:
-        write_between(options.page, BEGIN, text)
-
-
 if __name__ == "__main__":
-    main()
+    if "--drive" in sys.argv:
+        drive()
+    else:
+        from tests.benchmarks.driver import compare  # an earlier checkout, whose modules `drive` has, may lack it
+
+        compare(sys.modules[__name__], table, rounds=ROUNDS, one_core=False)

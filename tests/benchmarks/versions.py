@@ -6,26 +6,25 @@ which runs this file with the modules of that checkout, and makes a block of cal
 
 from __future__ import annotations
 
-import argparse
-import os
 import statistics
-import subprocess
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
-from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from eal_actors import Fleet, gather
 from tests.benchmarks.network_host import fleet_of
-from tests.benchmarks.page import machine, write_between
-from tests.benchmarks.peers.peer import CALLERS, ROBOTS, ROOT, Server, timed
+from tests.benchmarks.page import machine
+from tests.benchmarks.peers.peer import CALLERS, ROBOTS, Server, timed
 from tests.benchmarks.peers.tcp import Tcp
 from tests.net.links import free_port
+
+if TYPE_CHECKING:
+    from tests.benchmarks.driver import Driver
 
 BEGIN: Final = "<!-- written by python -m tests.benchmarks.versions: begin -->"
 ROUNDS: Final = 15
@@ -95,88 +94,35 @@ def drive() -> None:
             sys.stdout.flush()
 
 
-class Driver:
-    """The process of a checkout.
-
-    Args:
-        checkout: its folder.
-        program: file of this checkout that it runs.
-    """
-
-    def __init__(self, checkout: Path, program: str = __file__) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", str(Path(program).resolve()), "--drive"],
-            cwd=checkout,
-            env={**os.environ, "PYTHONPATH": str(checkout)},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-
-    def block_s(self, what: str, count: int) -> float:
-        """Return the seconds of an operation."""
-        return self.ask(f"{what} {count}")
-
-    def ask(self, line: str) -> float:
-        """Return the answer to a line."""
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._process.stdin.write(f"{line}\n")
-        self._process.stdin.flush()
-        return float(self._process.stdout.readline())
-
-    def close(self) -> None:
-        """End the process."""
-        self._process.communicate()
-
-
-def measure(before: Path, rounds: int) -> dict[str, list[list[float]]]:
+def measure(drivers: Sequence[Driver], rounds: int) -> dict[str, list[list[float]]]:
     """Return the ratios to raw TCP of both checkouts, round by round."""
     with ExitStack() as stack:
         raw: Any = Tcp()
         stack.callback(raw.close)
-        drivers = [Driver(checkout) for checkout in (before, ROOT)]
-        for driver in drivers:
-            stack.callback(driver.close)
         ratios: dict[str, list[list[float]]] = {title: [[], []] for title in BLOCKS}
         for is_warm in (False, *[True] * rounds):
             for title, (what, count) in BLOCKS.items():
                 bare_s = getattr(raw, what.removesuffix("_over_tcp"))(count)
                 for values, driver in zip(ratios[title], drivers, strict=True):
-                    ratio = driver.block_s(what, count) / bare_s
+                    ratio = driver.ask(f"{what} {count}") / bare_s
                     if is_warm:
                         values.append(ratio)
         return ratios
 
 
-def table(ratios: dict[str, list[list[float]]]) -> str:
+def table(drivers: Sequence[Driver], rounds: int) -> str:
     """Return the ratios in Markdown."""
     lines = ["| what, times raw TCP | before | now | best and worst round now |", "|---|---|---|---|"]
-    for title, (before, now) in ratios.items():
+    for title, (before, now) in measure(drivers, rounds).items():
         middles = f"{statistics.median(before):.1f} | {statistics.median(now):.1f}"
         lines.append(f"| {title} | {middles} | {min(now):.1f} to {max(now):.1f} |")
     return "\n".join([*lines, "", f"{machine()}; eclipse-zenoh {version('eclipse-zenoh')}."])
 
 
-def main() -> None:
-    """Measure, print the table, and write it into a page."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--before", type=Path)
-    parser.add_argument("--page", type=Path)
-    parser.add_argument("--rounds", type=int, default=ROUNDS)
-    parser.add_argument("--drive", action="store_true")
-    options = parser.parse_args()
-    if options.drive:
-        drive()
-        return
-    if options.before is None:
-        parser.error("--before CHECKOUT is missing")
-    os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
-    text = table(measure(options.before, options.rounds))
-    sys.stdout.write(text + "\n")
-    if options.page is not None:
-        write_between(options.page, BEGIN, text)
-
-
 if __name__ == "__main__":
-    main()
+    if "--drive" in sys.argv:
+        drive()
+    else:
+        from tests.benchmarks.driver import compare  # an earlier checkout, whose modules `drive` has, may lack it
+
+        compare(sys.modules[__name__], table, rounds=ROUNDS, one_core=True)
