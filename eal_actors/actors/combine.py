@@ -17,9 +17,15 @@ T = TypeVar("T")
 
 
 class _CombinedFuture(Future[T]):
-    """A future made of others: cancelling it cancels all of them."""
+    """A future made of others: cancelling it cancels all of them.
 
-    def __init__(self, parts: list[Future[Any]], what: str) -> None:
+    Args:
+        parts: the others.
+        what: the function that combines them.
+        watched: those that count; all if None.
+    """
+
+    def __init__(self, parts: list[Future[Any]], what: str, watched: list[Future[Any]] | None = None) -> None:
         pending = [part for part in parts if not part.done()]
         slowest = max(pending, key=lambda part: part.deadline_s or 0.0, default=None)
         endless = any(part.deadline_s is None for part in pending) or len({id(part.clock) for part in pending}) > 1
@@ -29,14 +35,15 @@ class _CombinedFuture(Future[T]):
             timekeeper=slowest.timekeeper if slowest else None,
         )
         self._parts = parts
+        self._watched = parts if watched is None else watched
         self._what = what
-        self._left = len(parts)
+        self._left = len(self._watched)
         self._count_lock = threading.Lock()
         self._needs_one_timer = not endless and len({id(part.timekeeper) for part in pending}) <= 1
 
     def watch(self, relay: Relay) -> None:
         """Link to each part. Parts of one clock and one mailbox need one timer only, that of the combined future."""
-        for part in self._parts:
+        for part in self._watched:
             part.link(relay)
             if not self._needs_one_timer:
                 part.arm()
@@ -85,14 +92,10 @@ def gather(futures: Iterable[Future[T]], *, return_exceptions: bool = False) -> 
     Thread: any; does not block.
     """
     parts = _all_or_none(futures)
-    combined: _CombinedFuture[list[T]] = _CombinedFuture(parts, "gather")
-    if not parts:
-        combined.set([])
-        return combined
+    pending = [part for part in parts if not part.done()]  # the others need no link
+    combined: _CombinedFuture[list[T]] = _CombinedFuture(parts, "gather", pending)
 
-    def count(_: Future[T], call_soon: CallSoon | None) -> None:
-        if not combined.count_down():
-            return
+    def settle(call_soon: CallSoon | None) -> None:
         errors = [part._error for part in parts]  # one family of classes
         failure = next((error for error in errors if error is not None), None)
         if failure is not None and not return_exceptions:
@@ -101,7 +104,14 @@ def gather(futures: Iterable[Future[T]], *, return_exceptions: bool = False) -> 
             results = [error or part._value for part, error in zip(parts, errors, strict=True)]
             combined.settle(results, None, call_soon)
 
-    combined.watch(count)
+    def count(_: Future[T], call_soon: CallSoon | None) -> None:
+        if combined.count_down():
+            settle(call_soon)
+
+    if pending:
+        combined.watch(count)
+    else:
+        settle(None)
     return combined
 
 

@@ -145,8 +145,8 @@ class ResourceActor(ReadinessActor):
 
         def get_value() -> Any:
             result = resource.get_value()
-            if value is None and type(result) is EALData:  # the usual case of the most frequent method
-                return result
+            if type(result) is EALData and (value is None or value.problem(result) is None):
+                return result  # the usual case of the most frequent method
             return converted(result, lambda result: data_of(result, value))
 
         return {
