@@ -66,7 +66,6 @@ class Call(Future[T]):
     """A call: its own future, and its own envelope and message in the mailbox.
 
     Args:
-        cell: the slot of the resource that is called.
         method: one of the nine methods, or `halt`.
     """
 

@@ -42,7 +42,6 @@ class LabDevice:
     """A device of a robot that a fleet file takes from unset variables.
 
     Attributes:
-        plugin: the manifest of the plugin that drives it.
         variables: the unset variables, by the settings that take their values from them.
         settings: all settings of the plugin, or of its part.
         part: the part of the plugin to which it belongs, such as `ceiling` for `cameras.ceiling`; empty if none.

@@ -106,7 +106,6 @@ class UdpPort:
 
     Args:
         host: name or address of the peer; datagrams from others are ignored.
-        port: its port.
         local_port: the local port; 0 for any.
 
     Raises:

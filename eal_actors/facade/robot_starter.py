@@ -24,9 +24,6 @@ from eal_actors.wire.rpc.client.remote_robot import RemoteRobot, RemoteSpec
 class RobotStarter:
     """Starts the robots of a fleet.
 
-    Attributes:
-        services: the objects that the plugins share.
-
     Thread: one at a time.
     """
 

@@ -27,9 +27,6 @@ class EALConfigManager:
 
     Source: thesis §4.3.1 gives the manager this purpose, but leaves it an interface that returns hard-coded values. Its
     changes are adopted by `Fleet.reload`.
-
-    Attributes:
-        fleet: the whole fleet.
     """
 
     def __init__(self, fleet: FleetConfig) -> None:

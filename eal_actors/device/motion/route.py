@@ -26,7 +26,6 @@ class Route:
 
     Attributes:
         travelled_m: how far along it the robot has come; it never falls.
-        length_m: the whole length.
     """
 
     def __init__(self, points: Sequence[Point]) -> None:

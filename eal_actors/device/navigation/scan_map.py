@@ -27,9 +27,6 @@ _MARGIN: Final = 40
 class ScanMap:
     """A map that grows by scans.
 
-    Args:
-        resolution_m: length of a cell's side.
-
     Raises:
         ArgumentError: the length is not positive.
 

@@ -24,11 +24,7 @@ _LOOK_S: Final = 1.0
 class PlanRun:
     """The robots of one plan on their ways.
 
-    Args:
-        trips: the trips of the plan's robots, by name.
-
     Attributes:
-        legs: the robots' moves, by name.
         blocked: the robots whose next place is closed by something on no map.
 
     Thread: one thread uses it; `wake` is for any.

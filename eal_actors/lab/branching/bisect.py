@@ -34,7 +34,6 @@ class Bisection:
     Attributes:
         version: the first version whose record differs; a commit with its title, or a file.
         first: the first difference from the good version; None if no version differs.
-        tried: how many versions were run.
     """
 
     version: str

@@ -40,7 +40,6 @@ class LeastCase:
 
     Attributes:
         content: the least fleet, without the faults.
-        trials: how many trials it took.
     """
 
     content: Content

@@ -76,7 +76,6 @@ class TrialWorker:
 
     Attributes:
         binding: robots by role, as the user bound them; None if the scenario binds them.
-        source: the fleet's file.
         limit_s: a run is stopped after this time of the fleet's clock.
     """
 

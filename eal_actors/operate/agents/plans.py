@@ -47,10 +47,7 @@ class Decision(_Record):
     """The decision about a plan.
 
     Attributes:
-        hash: that of the plan.
-        is_approved: whether it may run.
         who: the user of the terminal or of the dashboard, or the policy's rule.
-        valid_until: the end of an approval.
     """
 
     hash: str

@@ -47,7 +47,6 @@ class Visitor:
 
     Attributes:
         name: an operator's, else how the user got in.
-        role: what the user may do.
         is_proven: whether a token has proven it.
         why: why the user may do no more; None for an administrator.
     """

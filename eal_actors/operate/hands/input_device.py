@@ -22,7 +22,6 @@ class InputSource:
     """An open device.
 
     Attributes:
-        name: for people.
         fd: its descriptor, which does not block.
         ranges: of its axes, by code.
     """
