@@ -45,11 +45,11 @@ def new_run_folder(runs_dir: Path, scenario: str) -> Path:
 
 @contextmanager
 def folder_errors(directory: Path) -> Iterator[None]:
-    """Raise ScenarioError, which names the run's folder, for an OSError such as a full disk."""
+    """Raise ScenarioError, which names the folder, for an OSError such as a full disk."""
     try:
         yield
     except OSError as error:
-        raise ScenarioError(f"the run's folder {directory} cannot be written: {error.strerror or error}") from error
+        raise ScenarioError(f"the folder {directory} cannot be written: {error.strerror or error}") from error
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from eal_actors.kernel import posix
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.lab.sweeping.results import SweepResult, read_result
 from eal_actors.lab.sweeping.sweep import Sweep, SweepJob
-from eal_actors.recording import RunFolder, keep_provenance
+from eal_actors.recording import RunFolder, folder_errors, keep_provenance
 from eal_actors.scenario import Scenario
 from eal_actors.scenario.report.journal import SUMMARY
 
@@ -39,11 +39,9 @@ class SweepFolder:
         settings = self.path / SETTINGS
         if self.path.exists() and not settings.is_file() and any(self.path.iterdir()):
             raise ScenarioError(f"{self.path} is not the folder of a sweep; choose another one with --out")
-        try:
+        with folder_errors(self.path):
             (self.path / _RUNS).mkdir(parents=True, exist_ok=True)
             lock = (self.path / _LOCK).open("w")
-        except OSError as error:
-            raise ScenarioError(f"the sweep's folder {self.path} cannot be written: {error}") from error
         with lock:
             try:
                 posix.lock(lock)

@@ -14,7 +14,7 @@ from eal_actors.device.data import EALData
 from eal_actors.device.info import ResourceInfo
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.bundled import bundled_names, bundled_path
-from eal_actors.kernel.errors import ArgumentError, EALError, RobotNotFoundError
+from eal_actors.kernel.errors import ArgumentError, EALError
 from eal_actors.operate.dashboard.fleet_poller import infos_of
 from eal_actors.operate.dashboard.state_store import to_json_value
 from eal_actors.operate.dashboard.values import is_live
@@ -56,12 +56,12 @@ class FleetReader:
 
     def robot(self, name: str) -> dict[str, Any]:
         """Return a robot's resources: their commands with units and ranges, requests and configuration keys."""
-        robot = self._robot(name)
+        robot = self._fleet[name]
         return {**self._summary(robot), "resources": {n: to_json_value(info.to_dict()) for n, info in infos_of(robot)}}
 
     def values(self, name: str) -> dict[str, Any]:
         """Return a robot's small values, such as its pose and its battery, each with its stamp or its error."""
-        robot = self._robot(name)
+        robot = self._fleet[name]
         answers = {n: robot[n].get_value() for n, info in infos_of(robot) if is_live(info)}
         found: dict[str, Any] = {}
         for resource, answer in answers.items():
@@ -77,7 +77,7 @@ class FleetReader:
         Raises:
             EALError: there is no such camera, or it does not answer.
         """
-        robot = self._robot(name)
+        robot = self._fleet[name]
         info = robot[resource].info
         if not _is_camera(info):
             raise ArgumentError(f"{resource} of {name} takes no pictures")
@@ -127,11 +127,6 @@ class FleetReader:
         if name not in _PAGES:
             raise ArgumentError(f"no page {name!r}; there are {', '.join(_PAGES)}")
         return bundled_path(f"docs/{name}.md").read_text(encoding="utf-8")
-
-    def _robot(self, name: str) -> RobotHandle:
-        if name not in self._fleet:
-            raise RobotNotFoundError(f"there is no robot {name!r}; there are {', '.join(self._fleet)}")
-        return self._fleet[name]
 
 
 def _checked(name: str) -> str:

@@ -20,6 +20,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from eal_actors.kernel.clock import wall_time
 from eal_actors.kernel.errors import AccessDeniedError, ArgumentError, BusyError, ScenarioError
+from eal_actors.recording import folder_errors
 
 PLANS: Final = "plans"
 VALID_MIN: Final = 15.0
@@ -102,14 +103,12 @@ class PlanStore:
         if sum(other.hash != plan.hash for other in self.waiting()) >= MAX_WAITING:
             raise BusyError(f"{MAX_WAITING} plans wait for a decision already; `eal approve` lists them")
         folder = self._folder / plan.hash
-        try:
+        with folder_errors(folder):
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             self._folder.chmod(0o700)
             for old in (_DECISION, _USED):
                 (folder / old).unlink(missing_ok=True)
             _write(folder / _PLAN, plan.model_dump_json(indent=2))
-        except OSError as error:
-            raise _unwritable(folder, error) from error
 
     def plans(self) -> list[StoredPlan]:
         """Return the plans, the oldest first; damaged ones are left out."""
@@ -165,12 +164,8 @@ class PlanStore:
         now = wall_time()
         until = now + timedelta(minutes=valid_min)
         decision = Decision(hash=plan.hash, is_approved=is_approved, who=who, at=now, valid_until=until)
-        try:
-            _write(self._folder / plan.hash / _DECISION, decision.model_dump_json(indent=2), is_new=True)
-        except FileExistsError:
-            raise ScenarioError(f"somebody else has just decided about plan {plan.hash[:12]}") from None
-        except OSError as error:
-            raise _unwritable(self._folder, error) from error
+        if not self._create(plan, _DECISION, decision):
+            raise ScenarioError(f"somebody else has just decided about plan {plan.hash[:12]}")
         return decision
 
     def use(self, plan: StoredPlan) -> Decision:
@@ -183,13 +178,18 @@ class PlanStore:
         if decision is None or state != "approved":
             advice = f": a person approves it with `eal approve {plan.hash[:12]}`" if state == "waiting" else ""
             raise AccessDeniedError(f"plan {plan.hash[:12]} is {state}{advice}")
-        try:
-            _write(self._folder / plan.hash / _USED, decision.model_dump_json(), is_new=True)
-        except FileExistsError:
-            raise AccessDeniedError(f"plan {plan.hash[:12]} was used: submit it again") from None
-        except OSError as error:
-            raise _unwritable(self._folder, error) from error
+        if not self._create(plan, _USED, decision):
+            raise AccessDeniedError(f"plan {plan.hash[:12]} was used: submit it again")
         return decision
+
+    def _create(self, plan: StoredPlan, name: str, decision: Decision) -> bool:
+        """Write a file of a plan; return false if it is there."""
+        with folder_errors(self._folder):
+            try:
+                _write(self._folder / plan.hash / name, decision.model_dump_json(indent=2), is_new=True)
+            except FileExistsError:
+                return False
+        return True
 
 
 def _is_hash(text: str) -> bool:
@@ -215,7 +215,3 @@ def _read(file: Path, model: type[_Content]) -> _Content | None:
         return model.model_validate_json(file.read_bytes())
     except (OSError, ValidationError):
         return None
-
-
-def _unwritable(folder: Path, error: OSError) -> ScenarioError:
-    return ScenarioError(f"{folder} cannot be written: {error.strerror or error}")

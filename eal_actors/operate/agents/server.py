@@ -271,11 +271,8 @@ def _about(text: str, parameters: Parameters | None) -> dict[str, Any]:
 
 
 def _confirmations(robots: dict[str, str | None]) -> dict[str, Any]:
-    return {"stopped": [name for name, why in robots.items() if why is None], "not_confirmed": _reasons(robots)}
-
-
-def _reasons(robots: dict[str, str | None]) -> dict[str, str]:
-    return {name: why for name, why in robots.items() if why is not None}
+    reasons = {name: why for name, why in robots.items() if why is not None}
+    return {"stopped": [name for name in robots if name not in reasons], "not_confirmed": reasons}
 
 
 def _dump(value: Any) -> str:
