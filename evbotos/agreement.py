@@ -11,10 +11,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from eal_actors.kernel.errors import ConfigError, Problem
-from eal_actors.kernel.strict_model import NAMES_ONLY, StrictModel, Version1, problems_from
+from eal_actors.kernel.strict_model import NAMES_ONLY, StrictModel, Version1, model_of
 from eal_actors.kernel.yaml_source import load_yaml
 from evbotos.definitions import Definitions, load_definitions
 from evbotos.fields import ROOTFS
@@ -71,10 +71,7 @@ def load_agreement(folder: Path = FOLDER) -> Agreement:
         ConfigError: lists every problem.
     """
     tree = load_yaml(folder / "agreement.yaml")
-    try:
-        return Agreement.model_validate(tree.root)
-    except ValidationError as error:
-        raise ConfigError(problems_from(error, tree, Agreement)) from None
+    return model_of(Agreement, tree)
 
 
 def disagreements(definitions: Definitions, agreement: Agreement) -> list[Problem]:

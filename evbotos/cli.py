@@ -118,7 +118,7 @@ def check_definitions(local: _LocalOption = None, as_json: _JsonOption = False) 
                 message = "is older than the definitions; `evbotos build --update-lock` rewrites it"
                 problems.append(Problem(found.lock_path(platform, image).name, 0, 0, "", message))
     if problems:
-        raise ConfigError(sorted(set(problems)))
+        raise ConfigError(set(problems))
     counts = {"platforms": len(found.platforms), "images": len(found.images), "plans": plans}
     if as_json:
         write_json(counts)

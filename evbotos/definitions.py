@@ -7,10 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, TypeVar
 
-from pydantic import ValidationError
-
 from eal_actors.kernel.errors import ConfigError, Problem
-from eal_actors.kernel.strict_model import StrictModel, problems_from
+from eal_actors.kernel.strict_model import StrictModel, model_of
 from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_source import load_yaml
 from evbotos import lock
@@ -88,7 +86,7 @@ def load_definitions(local: Path | None = None, folder: Path = FOLDER) -> Defini
         problems += _unknown(own, "platform", settings.platforms, platforms)
     images = {name: _with_includes(name, raw, folder, problems, ()) for name in raw}
     if problems:
-        raise ConfigError(sorted(set(problems)))
+        raise ConfigError(set(problems))
     own_platforms = {name: _with_own_kernel(platform, settings) for name, platform in platforms.items()}
     own_images = {name: _overridden(image, settings) for name, image in images.items()}
     changed = {
@@ -127,14 +125,9 @@ def _read_folder(folder: Path, model: type[_M], problems: list[Problem]) -> dict
 
 def _read(path: Path, model: type[_M], problems: list[Problem]) -> _M | None:
     try:
-        tree = load_yaml(path)
+        return model_of(model, load_yaml(path))
     except ConfigError as error:
         problems += error.problems
-        return None
-    try:
-        return model.model_validate(tree.root)
-    except ValidationError as error:
-        problems += problems_from(error, tree, model)
         return None
 
 

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 import yaml
-from pydantic import Field, NonNegativeInt, PositiveInt, ValidationError
+from pydantic import Field, NonNegativeInt, PositiveInt
 
-from eal_actors.kernel.errors import ConfigError
-from eal_actors.kernel.strict_model import StrictModel, Version1, problems_from
+from eal_actors.kernel.strict_model import StrictModel, Version1, model_of
 from eal_actors.kernel.yaml_source import load_yaml
 from evbotos.errors import BuildError
 from evbotos.model import Image, Kernel, Platform
@@ -104,10 +103,7 @@ def read_lock(path: Path) -> Lock | None:
     if not path.is_file():
         return None
     tree = load_yaml(path)
-    try:
-        return Lock.model_validate(tree.root)
-    except ValidationError as error:
-        raise ConfigError(problems_from(error, tree, Lock)) from None
+    return model_of(Lock, tree)
 
 
 def write_lock(lock: Lock, path: Path) -> None:

@@ -47,7 +47,7 @@ class RobotStarter:
             elif self.config.rate == MAX:
                 problems.add(self.config.tree.problem(("clock", "rate"), no_lock_step(robot.name)))
         if problems:
-            raise ConfigError(sorted(problems))
+            raise ConfigError(problems)
 
     def check_changes(self, changes: FleetChanges, former: RobotStarter) -> None:
         """Raise ConfigError if `check` refuses a robot that a reload starts, or a plugin refuses its change."""
@@ -58,7 +58,7 @@ class RobotStarter:
             if robot.address is None and (before := former._started.get(robot.name)) is not None:
                 problems += self._plugins.check_change(before, robot)
         if problems:
-            raise ConfigError(sorted(problems))
+            raise ConfigError(problems)
 
     def take_over(self, former: RobotStarter) -> None:
         """Continue with the shared objects and the sessions of the fleet's former starter."""

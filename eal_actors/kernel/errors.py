@@ -42,7 +42,7 @@ Every error has a stable `code`, its name on the wire and in records. Errors of 
 from __future__ import annotations
 
 import concurrent.futures
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import ClassVar, Self
@@ -129,7 +129,7 @@ class ConfigError(EALError, ValueError):
 
     code = "config"
 
-    def __init__(self, problems: Sequence[Problem]) -> None:
+    def __init__(self, problems: Iterable[Problem]) -> None:
         self.problems = tuple(sorted(problems))
         super().__init__("\n".join(str(problem) for problem in self.problems))
         self.args = (self.problems,)  # copying and unpickling construct it from these

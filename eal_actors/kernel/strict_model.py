@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from functools import cache
 from itertools import pairwise
 from types import UnionType
-from typing import Annotated, Any, ClassVar, Final, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, ClassVar, Final, Literal, TypeVar, Union, get_args, get_origin
 
 from pydantic import (
     BaseModel,
@@ -26,7 +26,7 @@ from pydantic.fields import FieldInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
-from eal_actors.kernel.errors import Problem
+from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.suggestions import did_you_mean as did_you_mean
 from eal_actors.kernel.suggestions import nearest
 from eal_actors.kernel.yaml_tree import MarkedDict, MarkedList, YamlPath, YamlTree, show
@@ -146,8 +146,22 @@ Name = Annotated[str, Field(pattern=NAME_PATTERN)]
 NameTemplate = Annotated[str, Field(pattern=NAME_TEMPLATE_PATTERN)]
 """A name in which `{n}` may stand for a number."""
 
+Model = TypeVar("Model", bound=BaseModel)
+
 NAMES_ONLY: Final[dict[str, Any]] = {"additionalProperties": False}
 """`json_schema_extra` of a `dict[Name, X]`: pydantic's own schema would let other keys pass unchecked."""
+
+
+def model_of(model: type[Model], tree: YamlTree) -> Model:
+    """Return the content of a file, or of a part of it, as a model.
+
+    Raises:
+        ConfigError: with every problem of the content.
+    """
+    try:
+        return model.model_validate(tree.root)
+    except ValidationError as error:
+        raise ConfigError(problems_from(error, tree, model)) from None
 
 
 def problems_from(error: ValidationError, tree: YamlTree, model: object) -> list[Problem]:

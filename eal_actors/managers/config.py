@@ -7,12 +7,10 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pydantic import ValidationError
-
 from eal_actors.device.world import WorldModel
 from eal_actors.device.world.loading import validate
 from eal_actors.kernel.errors import ConfigError, Problem, RobotNotFoundError
-from eal_actors.kernel.strict_model import StrictModel, problems_from
+from eal_actors.kernel.strict_model import StrictModel, model_of
 from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.managers.fleet_loader import fleet_of, load_fleet, load_valid_part
 from eal_actors.managers.fleet_model import FleetConfig, FleetFile, RobotConfig
@@ -139,10 +137,7 @@ def world_of(content: WorldModel | Mapping[str, object], *, name: str = "world")
         ConfigError: with every problem of the content.
     """
     tree = tree_of({} if isinstance(content, WorldModel) else content, name)
-    try:
-        world = content if isinstance(content, WorldModel) else WorldModel.model_validate(tree.root)
-    except ValidationError as error:
-        raise ConfigError(problems_from(error, tree, WorldModel)) from None
+    world = content if isinstance(content, WorldModel) else model_of(WorldModel, tree)
     if problems := [tree.problem(path, message) for path, message in validate(world)]:
         raise ConfigError(problems)
     return world

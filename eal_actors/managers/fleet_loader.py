@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from pydantic import ValidationError
-
 from eal_actors.device.world import WorldModel, load_world
 from eal_actors.kernel.bundled import Kind, bundled_instead, find_file
 from eal_actors.kernel.errors import ConfigError, Problem
-from eal_actors.kernel.strict_model import problems_from
+from eal_actors.kernel.strict_model import model_of
 from eal_actors.kernel.suggestions import did_you_mean, numbered_name_meant
 from eal_actors.kernel.yaml_source import load_yaml
 from eal_actors.kernel.yaml_tree import (
@@ -148,9 +146,9 @@ class _FleetFileReader:
     def take(self, tree: YamlTree, chain: tuple[Path, ...]) -> MarkedDict:
         """Return the content of one file merged over the files it includes; `chain` leads to it and ends with it."""
         try:
-            FleetFile.model_validate(tree.root)
-        except ValidationError as error:
-            self.problems += problems_from(error, tree, FleetFile)
+            model_of(FleetFile, tree)
+        except ConfigError as error:
+            self.problems += error.problems
         sections = (tree.root.get(key, tree.root) for key in ("defaults", "types", "robots"))
         self.sound = self.sound and all(isinstance(section, MarkedDict) for section in sections)
         merged = MarkedDict(tree.root.mark)

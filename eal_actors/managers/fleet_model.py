@@ -10,19 +10,17 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import (
     AfterValidator,
-    BaseModel,
     ConfigDict,
     Field,
     NonNegativeInt,
     PositiveFloat,
     PositiveInt,
-    ValidationError,
 )
 
 from eal_actors.device.world import WorldModel
 from eal_actors.kernel.errors import Problem
 from eal_actors.kernel.lock_step import Rate
-from eal_actors.kernel.strict_model import NAMES_ONLY, Name, NameTemplate, StrictModel, Version1, problems_from
+from eal_actors.kernel.strict_model import NAMES_ONLY, Name, NameTemplate, StrictModel, Version1
 from eal_actors.kernel.yaml_tree import Mark, MarkedDict, YamlPath, YamlTree
 from eal_actors.managers.network_model import (
     BEHIND_ROUTER,
@@ -220,10 +218,6 @@ class PluginSettings:
     def problem(self, path: YamlPath, message: str) -> Problem:
         """Return a problem with a setting; the empty path means the plugin itself."""
         return self.tree.problem(path, message)
-
-    def problems_from(self, error: ValidationError, model: type[BaseModel]) -> list[Problem]:
-        """Return the problems that the plugin's model found in the settings."""
-        return problems_from(error, self.tree, model)
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,12 +15,12 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import Field, PositiveFloat, ValidationError
+from pydantic import Field, PositiveFloat
 
 from eal_actors.device.info import unknown_name
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.errors import ConfigError, EALError, PluginError
-from eal_actors.kernel.strict_model import NAMES_ONLY, Name, StrictModel, Version1, problems_from
+from eal_actors.kernel.strict_model import NAMES_ONLY, Name, StrictModel, Version1, model_of
 from eal_actors.kernel.yaml_source import load_yaml
 
 ENTRY_POINTS: Final = "eal_actors.plugins"
@@ -253,10 +253,7 @@ def _read_file(folder: Path) -> ManifestFile:
 @lru_cache(maxsize=256)
 def _parse_file(file: Path, changed_ns: int) -> ManifestFile:  # noqa: ARG001  # part of the cache's key
     tree = load_yaml(file)
-    try:
-        return ManifestFile.model_validate(tree.root)
-    except ValidationError as error:
-        raise ConfigError(problems_from(error, tree, ManifestFile)) from None
+    return model_of(ManifestFile, tree)
 
 
 def discover(plugin_dirs: Iterable[Path]) -> tuple[dict[str, PluginManifest], tuple[EALError, ...]]:

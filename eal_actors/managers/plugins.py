@@ -31,6 +31,7 @@ from eal_actors.device.plugin_context import (
 from eal_actors.device.ports import BytePort
 from eal_actors.device.resource import Resource
 from eal_actors.kernel.errors import ArgumentError, ConfigError, EALError, PluginError, Problem, error_text
+from eal_actors.kernel.strict_model import model_of
 from eal_actors.managers.fleet_model import PluginSettings, RobotConfig
 from eal_actors.managers.manifest import PluginManifest, discover
 
@@ -301,9 +302,9 @@ class EALPluginManager:
         if not (isinstance(model, type) and issubclass(model, PluginSettingsModel)):
             raise PluginError(f"plugin {manifest.name!r}: Settings must extend PluginSettingsModel")
         try:
-            return manifest, module, model.model_validate(settings.settings)
-        except ValidationError as error:
-            raise ConfigError(settings.problems_from(error, model)) from None
+            return manifest, module, model_of(model, settings.tree)
+        except ConfigError:
+            raise
         except Exception as error:
             raise PluginError(f"plugin {manifest.name!r}: its Settings raised {error_text(error)}") from error
 

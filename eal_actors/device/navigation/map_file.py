@@ -12,11 +12,11 @@ from typing import Annotated, Any, Final, Literal, Self
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field, PositiveFloat, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, PositiveFloat, model_validator
 
 from eal_actors.device.navigation.grid import FREE, MAX_CELLS, OCCUPIED, UNKNOWN, GridOrigin, OccupancyGrid
 from eal_actors.kernel.errors import ConfigError, Problem, UnsupportedError
-from eal_actors.kernel.strict_model import StrictModel, problems_from
+from eal_actors.kernel.strict_model import StrictModel, model_of
 from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_source import load_yaml
 from eal_actors.kernel.yaml_tree import YamlTree, show
@@ -79,10 +79,7 @@ def load_map(path: str | Path) -> OccupancyGrid:
         UnsupportedError: Pillow is not installed.
     """
     tree = load_yaml(Path(path))
-    try:
-        settings = MapFile.model_validate(tree.root)
-    except ValidationError as error:
-        raise ConfigError(problems_from(error, tree, MapFile)) from None
+    settings = model_of(MapFile, tree)
     size, pixels, has_alpha = _picture(tree, Path(path).parent / settings.image)
     bands = np.array_split(pixels, math.ceil(len(pixels) / _BAND))  # real numbers of all would take a gigabyte
     cells = np.concatenate([_cells(settings, *_shades(band, has_alpha=has_alpha)) for band in bands])

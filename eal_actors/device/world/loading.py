@@ -7,8 +7,6 @@ from itertools import combinations
 from pathlib import Path
 from typing import Final, TypeAlias
 
-from pydantic import ValidationError
-
 from eal_actors.device.markers import FAMILIES
 from eal_actors.device.world.geometry import area_m2, corners, covers, crossing_edges, encloses, overlap
 from eal_actors.device.world.model import (
@@ -24,7 +22,7 @@ from eal_actors.device.world.model import (
 )
 from eal_actors.kernel.bundled import find_file
 from eal_actors.kernel.errors import ConfigError
-from eal_actors.kernel.strict_model import problems_from
+from eal_actors.kernel.strict_model import model_of
 from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_source import load_yaml
 from eal_actors.kernel.yaml_tree import YamlPath
@@ -253,10 +251,7 @@ def load_world(path: str | Path) -> WorldModel:
         ConfigError: with every problem of the file.
     """
     tree = load_yaml(find_file(path, "world"))
-    try:
-        world = WorldModel.model_validate(tree.root)
-    except ValidationError as error:
-        raise ConfigError(problems_from(error, tree, WorldModel)) from None
+    world = model_of(WorldModel, tree)
     if problems := [tree.problem(path, message) for path, message in validate(world)]:
-        raise ConfigError(sorted(problems))
+        raise ConfigError(problems)
     return world

@@ -86,7 +86,7 @@ def _require_used(source: Path, robot: str, instance: str, text: str, file: Path
     config = manager.robot(robot)
     problems, _ = EALPluginManager(manager.fleet.plugin_dirs).check(config)
     if problems:
-        raise ConfigError(sorted(problems))
+        raise ConfigError(problems)
     wanted = parse_yaml(text, str(file)).root["robots"][robot]["plugins"][instance][KEY]
     settings: Mapping[str, Any] = config.plugins[instance].settings
     if settings[KEY] != wanted:

@@ -16,11 +16,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
-from pydantic import ValidationError
-
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import BusyError, ConfigError, DeadlineError, Problem, ScenarioError, file_error
-from eal_actors.kernel.strict_model import problems_from
+from eal_actors.kernel.strict_model import model_of
 from eal_actors.kernel.yaml_source import LARGE, parse_yaml
 from eal_actors.scenario import Plan, Scenario, Timeline, TimelineEntry, make_plan, parse_scenario
 from eal_actors.scenario.language.scenario import ScenarioFile
@@ -44,10 +42,7 @@ def read_plan(text: str, parameters: Mapping[str, object]) -> Scenario:
     if len(text) > MAX_TEXT:
         raise file_error(_FILE, f"has {len(text)} characters; at most {MAX_TEXT}")
     tree = parse_yaml(text, _FILE, limits=LARGE)
-    try:
-        file = ScenarioFile.model_validate(tree.root)
-    except ValidationError as error:
-        raise ConfigError(problems_from(error, tree, ScenarioFile)) from None
+    file = model_of(ScenarioFile, tree)
     foreign = [(*path, step.kind) for path, step in file.walk() if step.part_file is not None]
     if foreign:
         why = "a plan is one file: write the steps of the other scenario into it"

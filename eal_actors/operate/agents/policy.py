@@ -11,14 +11,14 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated, Any, Final
 
-from pydantic import Field, PositiveFloat, ValidationError
+from pydantic import Field, PositiveFloat
 from typing_extensions import override
 
 from eal_actors.device.data import EALData
 from eal_actors.device.info import ResourceInfo
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ConfigError, EALError, Problem
-from eal_actors.kernel.strict_model import StrictModel, Version1, problems_from
+from eal_actors.kernel.strict_model import StrictModel, Version1, model_of
 from eal_actors.kernel.yaml_source import load_yaml
 from eal_actors.managers.twins import simulated
 from eal_actors.scenario import Plan, Scenario
@@ -94,11 +94,7 @@ def load_policy(path: Path) -> Policy:
     Raises:
         ConfigError: with every problem of the file.
     """
-    tree = load_yaml(path)
-    try:
-        return Policy(PolicyFile.model_validate(tree.root).rules)
-    except ValidationError as error:
-        raise ConfigError(problems_from(error, tree, PolicyFile)) from None
+    return Policy(model_of(PolicyFile, load_yaml(path)).rules)
 
 
 def _against(rule: PolicyRule, plan: Plan, fleet: Fleet, duration_s: float) -> list[Problem]:

@@ -8,11 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
-from pydantic import ValidationError
-
 from eal_actors.kernel.bundled import find_file, short_path
 from eal_actors.kernel.errors import ArgumentError, ConfigError, Problem, file_error
-from eal_actors.kernel.strict_model import problems_from
+from eal_actors.kernel.strict_model import model_of
 from eal_actors.kernel.yaml_source import LARGE, parse_yaml, read_file
 from eal_actors.kernel.yaml_tree import format_path
 from eal_actors.scenario.language.parameters import check_parameters, set_parameters
@@ -131,12 +129,12 @@ class _Loader:
         wrong: list[Problem] = []
         repaired: RepairedFile | None = None
         try:
-            file = ScenarioFile.model_validate(tree.root)
-        except ValidationError as error:
-            wrong = problems_from(error, tree, ScenarioFile)
+            file = model_of(ScenarioFile, tree)
+        except ConfigError as error:
+            wrong = list(error.problems)
             repaired = repair(tree, wrong)
             if repaired is None:
-                raise ConfigError(wrong) from None
+                raise
             file = repaired.file
         scenario = Scenario(path if str(path) == name else Path(name), file, tree, tuple(lines))
         self._open.append(path.resolve())

@@ -10,10 +10,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from pydantic import ValidationError
-
-from eal_actors.kernel.errors import Problem
-from eal_actors.kernel.strict_model import problems_from
+from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.strict_model import model_of
 from eal_actors.kernel.yaml_tree import MarkedDict, MarkedList, YamlPath, YamlTree, parse_path
 from eal_actors.scenario.language.scenario import ScenarioFile
 
@@ -64,11 +62,9 @@ def repair(tree: YamlTree, problems: Sequence[Problem]) -> RepairedFile | None:
         for path, message in {parse_path(problem.path): problem.message for problem in problems}.items():
             _replace(copy.root, path, tried, names, remove=message.startswith("unknown key"))
         try:
-            file = ScenarioFile.model_validate(copy.root)
-        except ValidationError as error:
-            problems = problems_from(error, copy, ScenarioFile)
-        else:
-            return RepairedFile(file, frozenset(tried), frozenset(names))
+            return RepairedFile(model_of(ScenarioFile, copy), frozenset(tried), frozenset(names))
+        except ConfigError as error:
+            problems = error.problems
     return None
 
 
