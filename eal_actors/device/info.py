@@ -179,6 +179,15 @@ class ConfigInfo:
     writable: bool = True
     description: str = ""
 
+    def checked(self, data: EALData | None) -> EALData:
+        """Return a value that set_config accepts, or raise ArgumentError."""
+        if not self.writable:
+            raise ArgumentError(f"configuration key {self.name!r} is read-only")
+        if data is None:
+            raise ArgumentError(f"configuration key {self.name!r} needs a value: {self.value.describe()}")
+        self.value.check(data, f"configuration key {self.name!r}")
+        return data
+
 
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> str:
     """Return the message for an unknown name, with the nearest known one as a hint."""

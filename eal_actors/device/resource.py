@@ -273,13 +273,8 @@ class Resource:
         """
         if not self.info().configs:
             raise self._unsupported("set_config")
-        info = self.info().config(key)
-        if not info.writable:
-            raise ArgumentError(f"configuration key {key!r} is read-only")
-        if data is None:
-            raise ArgumentError(f"configuration key {key!r} needs a value: {info.value.describe()}")
-        info.value.check(data, f"configuration key {key!r}")
-        return self._handler("config_setter", key)(data.value)
+        value = self.info().config(key).checked(data).value
+        return self._handler("config_setter", key)(value)
 
     # Lifecycle.
 

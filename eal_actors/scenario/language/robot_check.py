@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple
 from eal_actors.device.data import EALData
 from eal_actors.device.info import METHODS, ResourceInfo, unknown_name
 from eal_actors.device.world import WorldModel
-from eal_actors.kernel.errors import ArgumentError, EALError, PlaceNotFoundError, Problem
+from eal_actors.kernel.errors import EALError, PlaceNotFoundError, Problem
 from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.language.binding import RobotFacts
 from eal_actors.scenario.language.expressions import (
@@ -322,7 +322,7 @@ def _argument_problem(method: str, info: ResourceInfo, given: Mapping[str, Any])
         elif method == "get_config" and info.configs:
             info.config(str(given["key"]))
         elif method == "set_config" and info.configs:
-            _check_config(info, str(given["key"]), EALData.of(given["value"]) if "value" in given else None)
+            info.config(str(given["key"])).checked(EALData.of(given["value"]) if "value" in given else None)
         elif method == "set_value":
             data = EALData.of(given["value"])
             if info.value is not None:
@@ -332,12 +332,3 @@ def _argument_problem(method: str, info: ResourceInfo, given: Mapping[str, Any])
     except EALError as error:
         return error.message
     return None
-
-
-def _check_config(info: ResourceInfo, key: str, data: EALData | None) -> None:
-    config = info.config(key)
-    if not config.writable:
-        raise ArgumentError(f"configuration key {key!r} is read-only")
-    if data is None:
-        raise ArgumentError(f"configuration key {key!r} needs a value: {config.value.describe()}")
-    config.value.check(data, f"configuration key {key!r}")

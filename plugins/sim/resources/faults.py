@@ -107,10 +107,7 @@ class Faults(RobotResource):
     @override
     def set_config(self, key: str, data: EALData | None = None) -> None:
         info = self.info().config(key)
-        if data is None:
-            raise ArgumentError(f"configuration key {key!r} needs a value: {info.value.describe()}")
-        info.value.check(data, f"configuration key {key!r}")
-        value = data.value
+        value = info.checked(data).value
         if info.name in _NAMES:
             value = self._parse_names(info.name, value)
         elif info.value.type is DataType.DOUBLE:
