@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Final, Literal, Self
@@ -12,6 +11,7 @@ from pydantic import AfterValidator, Discriminator, Field, NonNegativeFloat, Pos
 from eal_actors.device.world.overhead import OverheadCamera, WorldMarkers
 from eal_actors.kernel.errors import PlaceNotFoundError
 from eal_actors.kernel.strict_model import NAMES_ONLY, Name, StrictModel, Version1
+from eal_actors.kernel.suggestions import nearest
 
 Channel = Annotated[int, Field(ge=0, le=255)]
 Colour = Annotated[tuple[Channel, Channel, Channel], Field(strict=False)]
@@ -352,8 +352,8 @@ class WorldModel(StrictModel):
             return self.places[name]
         if not self.places:
             raise PlaceNotFoundError(f"no place {name!r}: the world {self.name!r} has no `places`")
-        near = difflib.get_close_matches(name, self.places, n=1)
-        hint = f"; did you mean {near[0]!r}?" if near else "."
+        near = nearest(name, self.places)
+        hint = f"; did you mean {near!r}?" if near else "."
         raise PlaceNotFoundError(f"unknown place {name!r}{hint} Places of {self.name!r}: {', '.join(self.places)}")
 
     @property
