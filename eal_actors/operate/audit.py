@@ -21,7 +21,7 @@ from typing import Any, Final
 from typing_extensions import override
 
 from eal_actors.kernel.clock import wall_time
-from eal_actors.kernel.errors import file_error, unwritable_error
+from eal_actors.kernel.errors import file_error, writing
 from eal_actors.kernel.log import get_logger
 
 AUDIT_FILE: Final = "audit.jsonl"
@@ -49,11 +49,9 @@ class AuditLog:
         self._queue: queue.Queue[logging.LogRecord] = queue.Queue(_MOST_WAITING)
         self._listener: QueueListener | None = None
         if folder is not None:
-            try:
+            with writing(folder / AUDIT_FILE):
                 folder.mkdir(parents=True, exist_ok=True)
                 handler = _PrivateFile(folder / AUDIT_FILE, maxBytes=_MOST_BYTES, backupCount=_OLDER_FILES)
-            except OSError as error:
-                raise unwritable_error(folder / AUDIT_FILE, error) from error
             self._listener = QueueListener(self._queue, handler)
 
     def start(self) -> None:
