@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, TypeVar
 
-from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.errors import ConfigError, Problem, file_error
 from eal_actors.kernel.strict_model import StrictModel, model_of
 from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_source import load_yaml
@@ -56,7 +56,7 @@ class Definitions:
         if not fits(board, what):
             wanted = ", ".join(what.architectures)
             message = f"the image {image} is for {wanted}; the platform {platform} is {board.architecture}"
-            raise ConfigError([Problem("images", 0, 0, "", message)])
+            raise file_error("images", message)
         return board, what
 
     def lock_path(self, platform: Platform, image: Image) -> Path:
@@ -106,7 +106,7 @@ def fits(platform: Platform, image: Image) -> bool:
 def _known(kind: str, name: str, found: dict[str, _M]) -> _M:
     if name not in found:
         message = f"there is no {kind} '{name}'{did_you_mean(name, found)}"
-        raise ConfigError([Problem(f"{kind}s", 0, 0, "", message)])
+        raise file_error(f"{kind}s", message)
     return found[name]
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, PositiveFloat, model_validator
 
 from eal_actors.device.navigation.grid import FREE, MAX_CELLS, OCCUPIED, UNKNOWN, GridOrigin, OccupancyGrid
-from eal_actors.kernel.errors import ConfigError, Problem, UnsupportedError
+from eal_actors.kernel.errors import ConfigError, UnsupportedError
 from eal_actors.kernel.strict_model import StrictModel, model_of
 from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_source import load_yaml
@@ -164,5 +164,4 @@ def _picture(tree: YamlTree, path: Path) -> tuple[tuple[int, int], NDArray[Any],
 
 
 def _problem(tree: YamlTree, message: str) -> ConfigError:
-    mark = tree.mark_at(("image",))
-    return ConfigError([Problem(mark.file, mark.line, mark.column, "image", message)])
+    return ConfigError([tree.problem(("image",), message)])

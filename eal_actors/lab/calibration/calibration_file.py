@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from eal_actors.device.differential_base import WheelCalibration
-from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.errors import ConfigError, file_error
 from eal_actors.kernel.yaml_source import parse_yaml
 from eal_actors.lab.fleet_edits import changed_files, read_text, require_own, with_include
 from eal_actors.managers.config import EALConfigManager
@@ -67,17 +67,8 @@ def _instance(robot: RobotConfig, fleet: FleetConfig) -> str:
     for name, settings in robot.plugins.items():
         if settings.plugin in manifests and "Base" in manifests[settings.plugin].file.resources:
             return name
-    raise ConfigError(
-        [
-            Problem(
-                str(fleet.source),
-                0,
-                0,
-                f"robots.{robot.name}.plugins",
-                f"has no plugin with a Base: put '{KEY}' into the fleet file that serves the robot",
-            )
-        ]
-    )
+    why = f"has no plugin with a Base: put '{KEY}' into the fleet file that serves the robot"
+    raise file_error(fleet.source, why, f"robots.{robot.name}.plugins")
 
 
 def _require_used(source: Path, robot: str, instance: str, text: str, file: Path) -> None:
