@@ -222,20 +222,12 @@ class PluginSettings:
 
 @dataclass(frozen=True, slots=True)
 class RobotConfig:
-    """A robot, merged with its types and the defaults.
+    """A robot, merged with its types and the defaults; its other fields are those of RobotSection.
 
     Attributes:
         name: unique in the fleet.
         types: its type, the type that builds on, and so on.
-        timeout_s: deadline of a call that gives none, in seconds of the fleet's clock.
-        mailbox: how many calls may wait in an actor's mailbox.
-        restart: `permanent`, `transient` (after a crash only) or `temporary` (never).
-        restart_window_s: the window, in seconds of the fleet's clock.
         plugins: by name of the instance; may be empty for a robot with an address, whose server has them.
-        address: endpoint at which controllers reach it, `router` if it dials out to the routers, or None if it runs
-            in the controller's process.
-        listen: endpoint at which it listens, or None if that is its address.
-        exclusive: names of the resources that one controller at a time may command; None for every actuator.
     """
 
     name: str
@@ -256,19 +248,14 @@ class RobotConfig:
 
 @dataclass(frozen=True, slots=True)
 class FleetConfig:
-    """A fleet, checked and resolved.
+    """A fleet, checked and resolved; its other fields are those of FleetFile.
 
     Attributes:
         source: the file it was read from, as the user gave it.
-        rate: seconds of fleet time in one real second, or `max`.
-        seed: the seed of all random generators of the fleet.
-        world: the arena of the simulated robots, if there is one.
         plugin_dirs: folders to search for plugins before the bundled ones, in this order.
         robots: by name, in the order of the file; never empty.
-        network: how robots that have an address are reached.
         content: the merged content of the file and its includes, as plain values.
         tree: the same content with its places in the files.
-        python_steps: functions for the `python` steps of scenarios, as `module:function`.
         operators: the users of the dashboard, by name; empty if it asks for no names.
         map_path: the map file on which paths are planned; None for the world's floor.
     """

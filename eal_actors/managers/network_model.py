@@ -153,7 +153,7 @@ class SecuritySection(StrictModel):
 
 
 class NetworkSection(StrictModel):
-    """How controllers reach the robots that have an address."""
+    """How controllers reach the robots that have an address. Seconds are real ones."""
 
     identity: Name | None = None
     """Tells this fleet from others of the same name; $EAL_FLEET_IDENTITY takes its place."""
@@ -177,13 +177,7 @@ class NetworkSection(StrictModel):
 
 @dataclass(frozen=True, slots=True)
 class Grant:
-    """The permissions of one certificate.
-
-    Attributes:
-        role: `controller` for everything, `observer` for reading.
-        robots: to which robots it is limited, or None.
-        resources: to which resources of each robot it is limited, or None.
-    """
+    """The permissions of one certificate; see RolesSection and GrantSection."""
 
     name: str
     role: Role
@@ -210,16 +204,10 @@ class SecurityConfig:
 
 @dataclass(frozen=True, slots=True)
 class NetworkConfig:
-    """The network of a fleet.
+    """The network of a fleet; its other fields are those of NetworkSection.
 
     Attributes:
-        identity: tells the fleet from others of the same name, at the robots and at their controllers.
-        lease_s: silence after which the other end of a connection counts as lost, in real seconds.
-        lost_after_s: real seconds from the loss of a robot until its step of a scenario fails; `lease_s` if None.
-        dead_man_s: silence of the controller after which a robot halts what it moves, in real seconds.
-        discovery: whether robots and routers answer a discovery by multicast.
         security: keys and roles, or None for an open network.
-        shared_memory: whether large values reach controllers on the same machine in shared memory.
     """
 
     lease_s: float = 2.0
