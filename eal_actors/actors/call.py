@@ -301,10 +301,7 @@ class ResourceCell:
     def submit(self, call: Call[Any], *, among_many: bool = False, has_arrived: bool = False) -> None:
         """Put a call in the normal lane, or run it at once; a refusal becomes the call's outcome.
 
-        Args:
-            call: the call.
-            among_many: it is one of many calls; see `Clock.spares_turn`.
-            has_arrived: it has passed the link.
+        For one `among_many` see `Clock.spares_turn`; one that `has_arrived` has passed the link.
 
         Thread: any; never blocks.
         """
@@ -326,11 +323,7 @@ class ResourceCell:
             call.fail(error)
 
     def submit_urgent(self, call: Call[Any], *, stops: bool) -> None:
-        """Put a call in the urgent lane.
-
-        Args:
-            call: the call.
-            stops: it is a stop: a full lane never refuses it, and it drops the motions that wait.
+        """Put a call in the urgent lane. A full lane never refuses one that stops, and it drops the motions that wait.
 
         Thread: any; never blocks.
         """

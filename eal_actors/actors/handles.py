@@ -290,12 +290,9 @@ class RobotHandle(RobotParts, Mapping[str, ResourceHandle]):
 def close_robots(robots: Sequence[RobotHandle], timeout_s: float = CLOSE_TIMEOUT_S) -> None:
     """Halt every robot at once, then disconnect the plugins and end every thread, of some robots at a time.
 
-    Stuck threads are abandoned and named in the log. Once a robot is stuck, all the others end at once.
-
-    Args:
-        robots: the robots.
-        timeout_s: real seconds for them to stop by themselves. They count anew whenever a thread ends, so that many
-            robots on a busy machine are not taken for stuck ones.
+    They have `timeout_s` real seconds to stop by themselves, which count anew whenever a thread ends, so that many
+    robots on a busy machine are not taken for stuck ones. Stuck threads are abandoned and named in the log. Once a
+    robot is stuck, all the others end at once.
 
     Thread: blocks the caller; if no thread ends, about three times `timeout_s` however many robots there are. In a
     thread of one of the robots, such as a done-callback's, it does not wait for that robot.

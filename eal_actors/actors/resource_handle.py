@@ -99,13 +99,7 @@ class ResourceHandle:
         return call
 
     def start_reading(self, method: str, arguments: tuple[Any, ...], timeout_s: float, relay: Relay) -> None:
-        """Call a method that changes nothing, as start_call.
-
-        Args:
-            method: the method.
-            arguments: its arguments.
-            timeout_s: seconds of the fleet's clock until its deadline.
-            relay: gets the outcome; see `Future.link`.
+        """Call a method that changes nothing, as start_call; `relay` gets the outcome, see `Future.link`.
 
         Thread: any; does not block. Reads a value that takes no time (`Resource.glance`), if nothing waits before it.
         """

@@ -29,10 +29,7 @@ from eal_actors.wire.rpc.client.discovery import robots_at
 def find_robot(config: FleetConfig, host: str, port: int) -> str | None:
     """Return the name of a fleet's robot with a name or an address; None if there is none.
 
-    Args:
-        config: the fleet.
-        host: a robot's name, a host name or IP address, or an endpoint, which has a protocol and a port of its own.
-        port: the port of the robot's address, if `host` has none.
+    `host` is a robot's name, a host name or IP address, or an endpoint, which has a protocol and a port of its own.
     """
     if host in config.robots:
         return host

@@ -10,12 +10,7 @@ from eal_actors.managers.fleet_model import FleetConfig
 
 
 def fleet_table(config: FleetConfig, robots: Mapping[str, RobotHandle]) -> str:
-    """Return the robots as HTML: name, type, state, tags and resources. All texts are escaped.
-
-    Args:
-        config: the fleet.
-        robots: those that are connected, by name.
-    """
+    """Return all robots, with those that are connected, as HTML: name, type, state, tags and resources, escaped."""
     rows = []
     for name, robot in config.robots.items():
         handle = robots.get(name)

@@ -224,11 +224,8 @@ class LockStepClock(Clock):
     def _hand_over(self, server: _Wait | None = None) -> _Wait | None:
         """Give the turn to the next thread if the caller or no thread has it. Thread: holds the lock.
 
-        Args:
-            server: the wait of a caller that may run what others would do.
-
-        Returns:
-            A wait that the caller is to serve, with the turn; None if there is none.
+        `server` is the wait of a caller that may run what others would do. Return a wait that it is to serve, with the
+        turn; None if there is none.
         """
         if self._running is threading.current_thread():
             self._running = None

@@ -257,14 +257,10 @@ def _parse_file(file: Path, changed_ns: int) -> ManifestFile:  # noqa: ARG001  #
 
 
 def discover(plugin_dirs: Iterable[Path]) -> tuple[dict[str, PluginManifest], tuple[EALError, ...]]:
-    """Find every plugin, importing none.
+    """Find every plugin, importing none; return the manifests by name, and the errors of the broken ones.
 
-    Args:
-        plugin_dirs: folders of plugin folders; an earlier one hides a plugin of the same name in a later one. The
-            bundled plugins and those of installed packages come after them.
-
-    Returns:
-        The manifests by name, and the errors of the broken ones.
+    A folder of plugins hides plugins of the same names in later ones. The bundled plugins and those of installed
+    packages come last.
     """
     found: dict[str, PluginManifest] = {}
     errors: list[EALError] = []

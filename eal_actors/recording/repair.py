@@ -36,8 +36,7 @@ _ROUNDING_S: Final = 0.0005
 def repair_record(directory: Path) -> float:
     """Repair the record of an interrupted run: nothing that reached the disk is lost.
 
-    Returns:
-        The time at which the run is to be resumed, just after the last entry, in seconds since its start.
+    Return the time at which the run is to be resumed, just after the last entry, in seconds since its start.
 
     Raises:
         ScenarioError: it is no folder of a run, a file in it is broken, or the run is under way.
@@ -84,12 +83,9 @@ def repair_interrupted(runs_dir: Path) -> list[Path]:
 
 
 def merge_record(run: RunFolder) -> float:
-    """Merge the parts of a record into one `run.mcap`.
+    """Merge the parts of a record into one `run.mcap`; return the time of the newest message since the run's start.
 
     The lost end of a part is restored from `events.jsonl` and `trajectory.csv`, which lose nothing.
-
-    Returns:
-        The time of the newest message, in seconds since the run's start.
 
     Raises:
         UnsupportedError: the mcap library is not installed.

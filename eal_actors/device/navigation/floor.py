@@ -20,12 +20,7 @@ def floor_grid(
 ) -> OccupancyGrid | None:
     """Return the cells of the map file or, without one, of the world; None for an open floor.
 
-    The keep-out zones of the world are closed in both.
-
-    Args:
-        world: the fleet's world.
-        map_path: the fleet's map file.
-        zones: corners of further keep-out zones, in metres.
+    The keep-out zones of the world are closed in both, and so are further `zones`, given by their corners in metres.
 
     Raises:
         ConfigError: the map file is not right.

@@ -82,10 +82,7 @@ class PlanGate:
         return self._rehearser.rehearse(text, parameters)
 
     def submit(self, text: str, parameters: Mapping[str, object], agent: str) -> tuple[StoredPlan, list[Problem]]:
-        """Examine, rehearse and keep a plan; a policy may approve it at once.
-
-        Returns:
-            The plan, and why no rule of the policy allows it.
+        """Examine, rehearse and keep a plan, which a policy may approve at once; return it, and why no rule allows it.
 
         Raises:
             EALError: as for `rehearse`; or the plan did not end well there, or too many plans wait.

@@ -28,14 +28,7 @@ def compute(
 ) -> Generator[Future[Any], None, Any]:
     """Return a value that a block needs, or None if that failed and the policy was applied.
 
-    Args:
-        run: the run.
-        context: the context of the block.
-        step: the block.
-        path: of the value.
-        label: the computation in records, for people.
-        expressions: the expressions that it needs.
-        work: computes the value from their namespace.
+    `work` computes it from the namespace of the expressions; `path` is that of the value, `label` for people.
     """
     needed = list(expressions)
     found: list[Any] = [None]

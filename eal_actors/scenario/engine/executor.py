@@ -79,20 +79,10 @@ def perform_step(
     *,
     is_quiet: bool = False,
 ) -> Generator[Future[Any], None, bool]:
-    """Perform a step; if a spare replaces its robot, perform it again with the spare.
+    """Perform a step; if a spare replaces its robot, perform it again with the spare. Return whether it has succeeded.
 
-    Before all that, leave it out if an interrupted run has performed it.
-
-    Args:
-        run: the run.
-        context: the context of the step.
-        step: the step.
-        path: its path.
-        make: makes the action, anew for each robot.
-        is_quiet: record only a failure.
-
-    Returns:
-        Whether it has succeeded.
+    Before all that, leave it out if an interrupted run has performed it. `make` makes the action, anew for each robot;
+    if it `is_quiet`, only a failure is recorded.
     """
     if run.past is not None and not is_quiet and not context.is_finally:
         past = run.past.take(context.robot_name, path)

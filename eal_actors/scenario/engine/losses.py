@@ -108,12 +108,10 @@ class Losses:
     def handle(
         self, context: ExecutionContext, robot: Participant, error: EALError, losses: int
     ) -> Generator[Future[Any], None, FailureAction | Literal["repeat"] | None]:
-        """Wait for a robot whose step failed because it was lost, as its role wants it.
+        """Wait for a robot whose step failed because it was lost, as its role wants it; return what follows.
 
-        `losses` is the number of its losses before the attempt.
-
-        Returns:
-            What follows; None if it was no loss, if the robot is back at once, or if `on_lost` is not set.
+        That is None if it was no loss, if the robot is back at once, or if `on_lost` is not set. `losses` is the number
+        of its losses before the attempt.
         """
         policy = context.on_lost
         if policy is None or (len(robot.losses) == losses and not robot.is_lost):

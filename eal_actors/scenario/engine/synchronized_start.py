@@ -77,8 +77,7 @@ class SynchronizedStart:
     def end(self, robot: Participant, call: Call[Any] | None) -> float:
         """Record the end of a robot's command; the last one reports the start.
 
-        Returns:
-            The begin, in seconds since the run's start; the agreed time, if the begin is unknown.
+        Return the begin, in seconds since the run's start; the agreed time, if the begin is unknown.
         """
         self._calls[robot.name] = call
         self._left -= 1

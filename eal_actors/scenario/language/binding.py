@@ -126,12 +126,8 @@ def bind(
 ) -> tuple[Binding, list[Problem]]:
     """Return the robots that take part among those that fit, and the problems.
 
-    Args:
-        scenario: the scenario.
-        fleet: the fleet.
-        candidates: as `match_roles` returned them; a role without an entry gets no robots.
-        facts: the abilities of the robots that are up; a robot without an entry is assumed to fit.
-        wishes: the robots of roles that were bound by the user.
+    `candidates` are as `match_roles` returned them; a role without an entry gets no robots. A robot without `facts`
+    is not up, and is assumed to fit. `wishes` are the robots of roles that were bound by the user.
     """
     problems: list[Problem] = []
     reasons: dict[str, str] = {}

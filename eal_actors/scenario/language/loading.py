@@ -63,8 +63,7 @@ def parse_scenario(
 def examine_scenario(path: str | Path) -> tuple[Scenario | None, Callable[[Problem], bool]]:
     """Read a scenario file that may have problems, so that a fleet can be checked against the rest of it.
 
-    Returns:
-        The scenario without what is wrong in it, None if nothing is left; and whether a problem is none of its own.
+    Return it without what is wrong in it, None if nothing is left; and whether a problem is none of its own.
     """
     file, loader = find_file(path, "scenario"), _Loader()
     try:
