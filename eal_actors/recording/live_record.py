@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Final, Self
 
 from eal_actors.actors.robot_view import RobotState
@@ -92,9 +91,7 @@ class LiveRecord:
             self._observers.callback(robot.on_state(partial(self._note, robot.name)))
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *exc_info: object) -> None:
         self._observers.close()
         report = self._report(self._fleet.clock.now() - self._zero_s)
         try:
@@ -105,7 +102,7 @@ class LiveRecord:
                 self._journal.write_summary(report)
         finally:
             self._journal.close()
-            self._recorder.__exit__(kind, error, traceback)
+            self._recorder.__exit__(*exc_info)
 
     def _note(self, name: str, state: RobotState) -> None:
         """Record the loss and the return of a robot. Thread: the robot's."""

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from types import TracebackType
 from typing import Final, Literal, Self, TypeAlias
 
 from eal_actors.actors.handles import ResourceHandle
@@ -137,10 +136,8 @@ class RunRecorder:
         self._sampler.__enter__()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self._sampler.__exit__(kind, error, traceback)
+    def __exit__(self, *exc_info: object) -> None:
+        self._sampler.__exit__(*exc_info)
         self._fleet.services.picture_log = None
         self._guarded(McapFile.close)
         try:

@@ -14,7 +14,6 @@ import logging
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
-from types import TracebackType
 from typing import Any, Final, Self
 
 import foxglove
@@ -136,12 +135,10 @@ class LiveView:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *exc_info: object) -> None:
         logging.getLogger("eal_actors").removeHandler(self._lines)
         logging.getLogger(_CLIENT_LOGGER).removeFilter(self._client_lines)
-        self._sampler.__exit__(kind, error, traceback)
+        self._sampler.__exit__(*exc_info)
         REAL_TIME.wake(self._over)
         self._thread.join()
         if self._control is not None:
