@@ -55,9 +55,8 @@ class RoomLight:
         total = self._ambient_lux * (_AMBIENT_SIDEWAYS + _AMBIENT_UP * up) * np.ones(len(points))
         if len(self._lamps_m):
             away = self._lamps_m - points[:, np.newaxis]
-            square_m2 = np.maximum((away**2).sum(axis=2), _NEAREST_M2)
             towards = np.maximum((away * normals.reshape(-1, 1, 3)).sum(axis=2), 0.0)
-            total += (towards / square_m2**1.5) @ self._candela
+            total += (towards / _cubes_m3(away)) @ self._candela
         return np.asarray(total)
 
     def gain(self, points: Floats, normals: Floats) -> NDArray[np.float64]:
@@ -73,8 +72,13 @@ class RoomLight:
         Returns:
             (n, SIDES + 2): facing against x, counter-clockwise in equal steps for a full turn, then facing up.
         """
-        points = np.repeat(places, len(_DIRECTIONS), axis=0)
-        return self.gain(points, np.tile(_DIRECTIONS, (len(places), 1))).reshape(len(places), -1)
+        shape = len(places), len(_DIRECTIONS)
+        lux = np.broadcast_to(self._ambient_lux * (_AMBIENT_SIDEWAYS + _AMBIENT_UP * _DIRECTIONS[:, 2]), shape)
+        if len(self._lamps_m):
+            away = self._lamps_m - places[:, np.newaxis]
+            towards = np.maximum((away[:, np.newaxis] * _DIRECTIONS[:, np.newaxis]).sum(axis=3), 0.0)
+            lux = lux + (towards / _cubes_m3(away)[:, np.newaxis]) @ self._candela
+        return self.factor(lux)
 
     def factor(self, lux: Floats) -> NDArray[np.float64]:
         """Return the factors on colours for an illuminance."""
@@ -87,3 +91,8 @@ class RoomLight:
         floor = np.stack([across * length_m, (along - 0.5) * width_m, np.zeros_like(across)], axis=1)
         wall = np.stack([across * length_m, np.full_like(across, width_m / 2), along * self._height_m], axis=1)
         return np.concatenate([self.lux(floor, np.array([0.0, 0.0, 1.0])), self.lux(wall, np.array([0.0, -1.0, 0.0]))])
+
+
+def _cubes_m3(away: Floats) -> NDArray[np.float64]:
+    """Return the cubes of the lengths of vectors, (..., 3), in metres; none is shorter than a bound."""
+    return np.asarray(np.maximum((away**2).sum(axis=-1), _NEAREST_M2) ** 1.5)

@@ -113,7 +113,13 @@ def _fill_side(eye: Eye, drum: Drum, outline: _Outline, rect: Rect, target: Imag
     if drum.gains is not None:
         gains = np.empty(target.shape[:2], np.float32)
         gains[:] = np.interp(outline.facing, _turn(len(drum.gains)), drum.gains)
-        cv2.blendLinear(target, np.zeros_like(target), gains, 1 - gains, target)
+        cv2.blendLinear(target, _black(target.shape), gains, 1 - gains, target)
+
+
+@lru_cache(maxsize=64)
+def _black(shape: tuple[int, ...]) -> Image:
+    """Return a black image, which must not be changed."""
+    return np.zeros(shape, np.uint8)
 
 
 @lru_cache(maxsize=8)
