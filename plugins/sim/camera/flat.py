@@ -132,14 +132,16 @@ def plane_homography(eye: Eye, plane: Plane) -> _Matrix:
     cos, sin = math.cos(plane.yaw_rad), math.sin(plane.yaw_rad)
     to_eye = eye.x_m - plane.middle[0], eye.y_m - plane.middle[1]
 
-    def line(vector: Point, edge_m: float, per_m: float) -> _Line:
-        step = below_m * _across(eye.right, vector)
-        at_m = _across(to_eye, vector) + edge_m
-        start = below_m * eye.focal_px * _across(eye.ahead, vector) - column * step - at_m * row
+    (right_x, right_y), (ahead_x, ahead_y), far_px = eye.right, eye.ahead, below_m * eye.focal_px
+
+    def line(x: float, y: float, edge_m: float, per_m: float) -> _Line:
+        step = below_m * (right_x * x + right_y * y)
+        at_m = to_eye[0] * x + to_eye[1] * y + edge_m
+        start = far_px * (ahead_x * x + ahead_y * y) - column * step - at_m * row
         return per_m * step, per_m * at_m, per_m * start
 
     (width_m, height_m), (per_x, per_y) = plane.texture.size_m, plane.texture.per_m
-    return line((cos, sin), width_m / 2, per_x), line((sin, -cos), height_m / 2, per_y), (0.0, 1.0, -row)
+    return line(cos, sin, width_m / 2, per_x), line(sin, -cos, height_m / 2, per_y), (0.0, 1.0, -row)
 
 
 def _times(line: _Line, factor: float) -> _Line:
@@ -264,25 +266,21 @@ def _runs(levels: NDArray[np.intp], least: int = 1) -> Iterator[tuple[int, int]]
 
 def _warp(texture: Mipmap, level: tuple[int, int], matrix: _Matrix, part: Rect, target: Image) -> None:
     """Warp a version of a mipmap into a part of the image."""
-    along, down, scale = (_shift_line(line, part) for line in matrix)
-    shifted = np.array([_sample_line(along, scale, level[0]), _sample_line(down, scale, level[1]), scale])
+    left, top = part.left, part.top
+    (a0, a1, a2), (d0, d1, d2), (s0, s1, s2) = matrix
+    s2 = s2 + s0 * left + s1 * top  # columns and rows count from the corner of the part
+    along, down = 0.5 ** level[0], 0.5 ** level[1]  # samples of the version, behind its border
+    shifted = (
+        (along * a0 + PAD * s0, along * a1 + PAD * s1, along * (a2 + a0 * left + a1 * top) + PAD * s2),
+        (down * d0 + PAD * s0, down * d1 + PAD * s1, down * (d2 + d0 * left + d1 * top) + PAD * s2),
+        (s0, s1, s2),
+    )
     cv2.warpPerspective(
         texture.version(*level),
-        shifted,
-        (part.right - part.left, part.bottom - part.top),
+        np.array(shifted),
+        (part.right - left, part.bottom - top),
         dst=target,
         flags=_WARP,
         borderMode=cv2.BORDER_CONSTANT,
         borderValue=_WHITE,
     )
-
-
-def _sample_line(line: _Line, scale: _Line, halvings: int) -> _Line:
-    """Return a line of a homography to the samples of a version of a mipmap."""
-    factor = 0.5**halvings
-    return factor * line[0] + PAD * scale[0], factor * line[1] + PAD * scale[1], factor * line[2] + PAD * scale[2]
-
-
-def _shift_line(line: _Line, part: Rect) -> _Line:
-    """Return a line of a homography, for columns and rows counted from the corner of a part of the image."""
-    return line[0], line[1], line[2] + line[0] * part.left + line[1] * part.top

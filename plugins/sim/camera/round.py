@@ -64,7 +64,9 @@ def _outline(eye: Eye, drum: Drum) -> _Outline | None:
     if right <= -0.5 or left >= end:
         return None
     first, last = math.floor(max(left, 0.0) + 0.5), math.floor(min(right, end - 0.5) + 0.5)
-    rays = np.minimum(np.maximum(eye.slopes[first : last + 1], slopes[0]), slopes[1])
+    rays = eye.slopes[first : last + 1].copy()
+    for side in (0, -1):  # only the centres of these columns may be beyond the outline
+        rays[side] = min(max(rays[side], slopes[0]), slopes[1])
     square = 1 + rays**2
     middle = (ahead_m + rays * right_m) / square
     half_chord = np.sqrt(np.maximum(middle**2 - (distance_m**2 - drum.radius_m**2) / square, 0.0))
@@ -102,7 +104,8 @@ def _fill_side(eye: Eye, drum: Drum, outline: _Outline, rect: Rect, target: Imag
     px_per_m = focal_px / float(outline.near_m.min())
     along, across = (texture.level(texture.per_m[axis] / px_per_m, axis) for axis in (0, 1))
     image = texture.version(along, across)
-    turns = (outline.facing - (drum.yaw_rad / (2 * math.pi) - 0.5)) % 1.0
+    turns = outline.facing - (drum.yaw_rad / (2 * math.pi) - 0.5)
+    turns -= np.floor(turns)
     down = np.arange(rect.top, rect.bottom, dtype=np.float32) - np.float32(eye.centre_px[1])
     per_m = texture.per_m[1] / 2**across
     columns = np.empty((len(down), len(turns)), np.float32)
