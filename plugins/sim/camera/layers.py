@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Final, NamedTuple, TypeAlias
 
@@ -64,6 +64,7 @@ class Layer:
         fill: writes its colours.
         left_share: covered share of its first column, 0..1.
         right_share: covered share of its last column, 0..1.
+        columns: its columns.
     """
 
     first: int
@@ -72,11 +73,10 @@ class Layer:
     fill: Fill
     left_share: float = 1.0
     right_share: float = 1.0
+    columns: slice = field(init=False)
 
-    @property
-    def columns(self) -> slice:
-        """Its columns."""
-        return slice(self.first, self.first + len(self.tops))
+    def __post_init__(self) -> None:
+        self.columns = slice(self.first, self.first + len(self.tops))
 
     def paint(self, image: Image) -> None:
         """Paint it over an image."""
