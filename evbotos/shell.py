@@ -28,7 +28,7 @@ def _guarded() -> Iterator[Callable[[], None]]:
     alive, end = os.pipe()
 
     def start() -> None:
-        os.setsid()
+        os.setpgid(0, 0)
         if os.fork() == 0:
             os.dup2(alive, 0)
             os.closerange(1, os.sysconf("SC_OPEN_MAX"))
