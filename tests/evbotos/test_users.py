@@ -86,6 +86,32 @@ def dropped(proof: Proof, machine: Machine) -> int:
     return sum(int(words[place + 2]) for place, word in enumerate(words) if word == "counter")
 
 
+HARDENED = {
+    "kernel/kptr_restrict": "2",
+    "kernel/dmesg_restrict": "1",
+    "kernel/randomize_va_space": "2",
+    "kernel/yama/ptrace_scope": "1",
+    "net/ipv4/tcp_syncookies": "1",
+    "fs/protected_symlinks": "1",
+    "fs/protected_hardlinks": "1",
+}
+
+
+def test_the_kernel_is_hardened(proof: Proof, running: Machine) -> None:
+    told = answer(proof, running, f"cd /proc/sys; grep . {' '.join(HARDENED)}").splitlines()
+    assert dict(line.split(":", 1) for line in told) == HARDENED
+    absent = ("/dev/mem", "/proc/kcore", "/proc/modules", "/proc/self/ns/user", "/sys/kernel/kexec_loaded")
+    for path in absent:
+        assert ssh(proof, running, f"test -e {path}").returncode == 1, path
+    names = answer(proof, running, "cat /sys/devices/system/cpu/vulnerabilities/*").splitlines()
+    assert not [line for line in names if "Vulnerable" in line]
+    assert any("Retpolines" in line for line in names), names  # QEMU's processor does not need page table isolation
+    hidden = answer(proof, running, "grep -c -v '^00000000' /proc/kallsyms || true").strip()
+    assert hidden in ("0", ""), "the kernel's addresses are shown"
+    listening = answer(proof, running, "netstat -lntu | awk 'NR > 2 {print $4}'").split()
+    assert {place.rpartition(":")[2] for place in listening} <= {"22", "50000", "5353", "7446", "68"}, listening
+
+
 def test_scp_copies_there_and_back(proof: Proof, running: Machine, tmp_path: Path) -> None:
     words = ssh_words(proof, running)
     options = [word.replace("-p", "-P") for word in words[1:-1]]
