@@ -14,7 +14,7 @@ INSTALL_VENV := { echo "Installing python3-venv, which $(PYTHON) -m venv needs";
 
 # What `evbotos build` and `evbotos run` call; evbotos/hosttools.py names each where one is missing.
 EVBOTOS_TOOLS := apt bc binutils bison cryptsetup-bin device-tree-compiler dosfstools dpkg e2fsprogs fdisk flex gcc gcc-aarch64-linux-gnu gcc-arm-linux-gnueabihf \
-	grub-common libelf-dev libssl-dev make mtools openssh-client qemu-system-arm qemu-system-x86 squashfs-tools \
+	grub-common libelf-dev libssl-dev make mtools openssh-client ovmf qemu-system-arm qemu-system-x86 squashfs-tools \
 	tar u-boot-tools xz-utils zstd
 
 .PHONY: lock locked sbom demo demo-aarch64 test-aarch64 container demo-network demo-standards lab test test-slow check docs bench bench-peers bench-scale bench-go bench-panorama bench-proof bench-lookahead soak fuzz fuzz-motions figures format evbotos-setup test-evbotos test-fleet-update test-bitbake clean help

@@ -35,7 +35,7 @@ from evbotos.hashing import file_sha256, files_sha256, key_of
 from evbotos.hosttools import needed_for, require
 from evbotos.lock import Lock, LockedPackage, read_lock, require_lock
 from evbotos.locking import lock_present_versions
-from evbotos.model import GRUB_PACKAGE, Image, Kernel, Local, PackagedKernel, Platform
+from evbotos.model import Image, Kernel, Local, PackagedKernel, Platform
 from evbotos.outputs import Built, Made, manifest_of, root_with_kernel_mb, write_outputs
 from evbotos.packages import Apt
 from evbotos.plan import layers_of, step_names
@@ -293,10 +293,10 @@ class Build:
         return Step("board", key_of(inputs, u_boot), make)
 
     def _grub_step(self, lock: Lock) -> Step:
-        wanted = [package for package in lock.build_packages if package.name == GRUB_PACKAGE]
+        wanted = [package for package in lock.build_packages if package.name in self._platform.disk_packages]
 
         def make(out: Path) -> None:
-            grub.write_images(self._boot_packages(wanted)[GRUB_PACKAGE], out)
+            grub.write_images(self._boot_packages(wanted), out)
 
         return Step("grub", key_of([one.sha256 for one in wanted], grub), make)
 

@@ -12,7 +12,7 @@ from eal_actors.kernel.strict_model import StrictModel, model_of
 from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_source import load_yaml
 from evbotos import lock
-from evbotos.model import LISTS, Image, Local, Platform
+from evbotos.model import LISTS, Image, Kernel, Local, Platform
 
 FOLDER: Final = Path(__file__).parent
 LOCAL: Final = "local.yaml"
@@ -47,7 +47,7 @@ class Definitions:
         return _known("image", name, self.images)
 
     def chosen(self, platform: str, image: str) -> tuple[Platform, Image]:
-        """Return a platform and an image for it.
+        """Return a platform, with the kernel that the image wants, and an image for it.
 
         Raises:
             ConfigError: an unknown name, or the image is for other architectures.
@@ -57,7 +57,7 @@ class Definitions:
             wanted = ", ".join(what.architectures)
             message = f"the image {image} is for {wanted}; the platform {platform} is {board.architecture}"
             raise file_error("images", message)
-        return board, what
+        return _with_fragments(board, what), what
 
     def lock_path(self, platform: Platform, image: Image) -> Path:
         """Return the lock file of an image: the user's own if `local.yaml` changes its contents."""
@@ -101,6 +101,15 @@ def load_definitions(local: Path | None = None, folder: Path = FOLDER) -> Defini
 def fits(platform: Platform, image: Image) -> bool:
     """Return whether an image is for a platform's architecture."""
     return not image.architectures or platform.architecture in image.architectures
+
+
+def _with_fragments(platform: Platform, image: Image) -> Platform:
+    """Return a platform whose kernel has the drivers of an image; Debian's kernels have them anyway."""
+    kernel = platform.kernel
+    if not isinstance(kernel, Kernel) or not image.kernel_fragments:
+        return platform
+    fragments = tuple(dict.fromkeys([*kernel.fragments, *image.kernel_fragments]))
+    return platform.model_copy(update={"kernel": kernel.model_copy(update={"fragments": fragments})})
 
 
 def _known(kind: str, name: str, found: dict[str, _M]) -> _M:

@@ -99,7 +99,7 @@ def write_disk(out: Path, layout: Layout, contents: Contents) -> None:
     with out.open("wb") as file:
         file.truncate(parts.total)
     others = ((place, "83", "") for place in (parts.slot_a, parts.slot_b, parts.data))
-    _write_table(out, DISK_ID, (parts.boot, "c", ", bootable"), *others)
+    _write_table(out, DISK_ID, _boot_entry(parts.boot, contents), *others)
     _write_boot(out, DISK_ID, parts.boot, contents, kernel_line(contents.platform))
     with TemporaryDirectory() as folder:
         _write_at(out, contents.root, parts.slot_a[0])
@@ -117,8 +117,17 @@ def write_boot_drive(out: Path, layout: Layout, contents: Contents) -> None:
     boot = parts_of(layout).boot
     with out.open("wb") as file:
         file.truncate(sum(boot))
-    _write_table(out, BOOT_DRIVE_ID, (boot, "c", ", bootable"))
+    _write_table(out, BOOT_DRIVE_ID, _boot_entry(boot, contents))
     _write_boot(out, BOOT_DRIVE_ID, boot, contents, f"{kernel_line(contents.platform)} evbotos.boot={BOOT_DRIVE_ID}")
+
+
+def _boot_entry(place: tuple[int, int], contents: Contents) -> tuple[tuple[int, int], str, str]:
+    """Return the entry of the boot partition. A board's ROM requires the type of FAT, a strict UEFI its own."""
+    return place, "ef" if _has_efi(contents) else "c", ", bootable"
+
+
+def _has_efi(contents: Contents) -> bool:
+    return contents.grub is not None and (contents.grub / grub.EFI).is_file()
 
 
 def _write_boot(out: Path, disk_id: str, place: tuple[int, int], contents: Contents, line: str) -> None:
@@ -148,6 +157,9 @@ def _fill_boot(boot: Path, contents: Contents, line: str) -> None:
         shutil.copytree(contents.board, boot)
     else:
         boot.mkdir()
+    if contents.grub is not None and _has_efi(contents):
+        (boot / grub.EFI_FOLDER).mkdir(parents=True)
+        shutil.copyfile(contents.grub / grub.EFI, boot / grub.EFI_FOLDER / grub.EFI)
     robot = boot / "robot"
     if contents.boot_files is not None:
         shutil.copytree(contents.boot_files, robot)

@@ -20,6 +20,8 @@ PackageName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9+.-]+$")]
 WheelName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*(\[[a-z,]+\])?([=<>!~].*)?$")]
 ROOTFS: Final = Path(__file__).parent / "rootfs"
 """The parent of the files that images copy onto their root."""
+FRAGMENTS: Final = Path(__file__).parent / "kernel"
+"""The parent of the parts of kernels' configurations."""
 _SCHEMES: Final = ("http", "https", "file", "ftp")
 _SECURITY_KEYS: Final = ("sk-ssh-ed25519@openssh.com AAAA", "sk-ecdsa-sha2-nistp256@openssh.com AAAA")
 KERNEL_MB: Final = 6
@@ -36,6 +38,13 @@ def _service(name: str) -> str:
 
 def _layer(name: str) -> str:
     return _folder_of(ROOTFS, name, "folder of files")
+
+
+def _fragment(name: str) -> str:
+    known = sorted(path.name for path in FRAGMENTS.glob("*.config"))
+    if name not in known:
+        raise ValueError(f"there is no kernel fragment '{name}'{did_you_mean(name, known)}")
+    return name
 
 
 def _folder_of(parent: Path, name: str, kind: str) -> str:
@@ -104,6 +113,7 @@ def _file(place: str) -> str:
 FileName = Annotated[str, AfterValidator(_file_name)]
 ServiceName = Annotated[Name, AfterValidator(_service)]
 LayerName = Annotated[Name, AfterValidator(_layer)]
+Fragments = Annotated[tuple[Annotated[str, AfterValidator(_fragment)], ...], Field(strict=False)]
 Mirror = Annotated[str, AfterValidator(_mirror)]
 SshKey = Annotated[str, AfterValidator(_ssh_key)]
 Mebibytes = Annotated[int, Field(gt=0, le=LARGEST_MIB)]

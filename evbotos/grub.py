@@ -1,9 +1,15 @@
-"""GRUB on a disk image: installed like grub-bios-setup does, without a device and root privileges."""
+"""GRUB on a disk image, without a device and root privileges.
+
+For a BIOS it is installed before the first partition, as grub-bios-setup does. For UEFI it is a program on the boot
+partition, at the path that every firmware searches on a disk without an entry in its own list.
+"""
 
 from __future__ import annotations
 
 import shutil
 import struct
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
@@ -11,15 +17,15 @@ from typing import Final
 from evbotos import slots
 from evbotos.errors import BuildError
 from evbotos.hosttools import tool
-from evbotos.model import GRUB_PACKAGE
+from evbotos.model import GRUB_EFI_PACKAGE, GRUB_PACKAGE
 from evbotos.shell import run
 from evbotos.verity import kernel_words
 
 SECTOR: Final = 512
-_MODULES: Final = (
-    "biosdisk part_msdos fat normal configfile linux loadenv test echo serial terminal reboot sleep minicmd"
-)
-_FOLDER: Final = "usr/lib/grub/i386-pc"
+EFI: Final = "BOOTX64.EFI"
+EFI_FOLDER: Final = "EFI/BOOT"
+"""The program for UEFI and its folder on the boot partition."""
+_MODULES: Final = "part_msdos fat normal configfile linux loadenv test echo serial terminal reboot sleep minicmd"
 _BOOT: Final = "boot.img"
 _CORE: Final = "core.img"
 _KERNEL_SECTOR: Final = 0x5C
@@ -77,27 +83,39 @@ reboot
 """
 
 
-def write_images(package: Path, out: Path) -> None:
-    """Write GRUB's two boot images; they load the menu from the first partition of their disk.
+def write_images(packages: Mapping[str, Path], out: Path) -> None:
+    """Write GRUB's images; they load the menu from the first partition of their disk.
 
     Args:
-        package: the file of the Debian package.
+        packages: the files of the Debian packages by name; the one for UEFI may be absent.
         out: the output folder, created here.
 
     Raises:
-        BuildError: the package or grub-mkimage is unsuitable.
+        BuildError: a package or grub-mkimage is unsuitable.
     """
-    with TemporaryDirectory() as folder:
-        run([tool("dpkg-deb"), "-x", package, folder])
-        parts = Path(folder) / _FOLDER
+    out.mkdir(parents=True)
+    with _modules(packages, GRUB_PACKAGE, "i386-pc") as parts:
         if not (parts / _BOOT).is_file():
-            raise BuildError(f"{GRUB_PACKAGE} has no file {_FOLDER}/{_BOOT}")
-        early = Path(folder) / "early.cfg"
+            raise BuildError(f"{GRUB_PACKAGE} has no file {_BOOT}")
+        early = parts / "early.cfg"
         early.write_text("set root=(hd0,msdos1)\nset prefix=($root)/grub\nconfigfile $prefix/grub.cfg\n")
-        out.mkdir(parents=True)
         shutil.copyfile(parts / _BOOT, out / _BOOT)
-        place: list[str | Path] = ["-d", parts, "-p", "(hd0,msdos1)/grub", "-c", early, "-o", out / _CORE]
-        run([tool("grub-mkimage"), "-O", "i386-pc", *place, *_MODULES.split()])
+        _make_image("i386-pc", parts, out / _CORE, "-p", "(hd0,msdos1)/grub", "-c", early, "biosdisk")
+    if GRUB_EFI_PACKAGE in packages:
+        with _modules(packages, GRUB_EFI_PACKAGE, "x86_64-efi") as parts:
+            _make_image("x86_64-efi", parts, out / EFI, "-p", "/grub")  # of the disk that it was started from
+
+
+@contextmanager
+def _modules(packages: Mapping[str, Path], name: str, kind: str) -> Iterator[Path]:
+    """Unpack a package during a `with` block, and return the folder of its modules."""
+    with TemporaryDirectory() as folder:
+        run([tool("dpkg-deb"), "-x", packages[name], folder])
+        yield Path(folder) / "usr/lib/grub" / kind
+
+
+def _make_image(kind: str, parts: Path, out: Path, *more: str | Path) -> None:
+    run([tool("grub-mkimage"), "-O", kind, "-d", parts, "-o", out, *more, *_MODULES.split()])
 
 
 def install(image: Path, images: Path, first_partition: int) -> None:

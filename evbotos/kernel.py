@@ -8,27 +8,20 @@ from pathlib import Path
 from typing import Final
 
 from evbotos.errors import BuildError
+from evbotos.fields import FRAGMENTS
 from evbotos.hosttools import tool
 from evbotos.model import Kernel
 from evbotos.shell import run
 
-FOLDER: Final = Path(__file__).parent / "kernel"
 CONFIG: Final = "config"
 _WORK: Final = "kernel-work-"
 """The beginning of the folder in which a kernel is compiled; a killed build leaves it, and the next one resumes."""
 _REPRODUCIBLE: Final = {"KBUILD_BUILD_USER": "evbotos", "KBUILD_BUILD_HOST": "evbotos", "KBUILD_BUILD_VERSION": "1"}
 
 
-def fragments_text(kernel: Kernel, folder: Path = FOLDER) -> str:
-    """Return our part of a kernel's configuration.
-
-    Raises:
-        BuildError: a fragment does not exist.
-    """
-    missing = [name for name in kernel.fragments if not (folder / name).is_file()]
-    if missing:
-        raise BuildError(f"there is no kernel fragment {', '.join(missing)} in {folder.name}/")
-    return "".join((folder / name).read_text() for name in kernel.fragments)
+def fragments_text(kernel: Kernel) -> str:
+    """Return our part of a kernel's configuration."""
+    return "".join((FRAGMENTS / name).read_text() for name in kernel.fragments)
 
 
 def refused_options(wanted: str, config: str) -> list[str]:

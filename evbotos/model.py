@@ -24,6 +24,7 @@ from evbotos.fields import (
     File,
     FileName,
     Folder,
+    Fragments,
     LayerName,
     Mebibytes,
     Mirror,
@@ -37,7 +38,8 @@ from evbotos.fields import (
 from evbotos.wireless import Wifi
 
 GRUB_PACKAGE: Final = "grub-pc-bin"
-"""The Debian packages that boot a PC."""
+GRUB_EFI_PACKAGE: Final = "grub-efi-amd64-bin"
+"""The Debian packages that boot a PC: by its BIOS, and a 64-bit one by its UEFI."""
 
 Architecture = Literal["amd64", "arm64", "armhf", "i386"]
 """As Debian names it."""
@@ -53,7 +55,7 @@ class Kernel(StrictModel):
     cross: Text | None = None
     """The prefix of a cross compiler, such as `arm-linux-gnueabihf-`."""
     base: Literal["tinyconfig", "allnoconfig"] = "tinyconfig"
-    fragments: Texts
+    fragments: Fragments
     """Files of `evbotos/kernel/`; later ones override earlier ones."""
     image: Text
     """The build target, relative to the source."""
@@ -130,7 +132,7 @@ class Emulator(StrictModel):
     """The network card by its `-device` name; a built-in card by its `-net nic,model=` name."""
     network_on_board: bool = False
     """Whether the network card is built in."""
-    disk: Literal["virtio-blk-pci", "ide-hd", "sd"] = "virtio-blk-pci"
+    disk: Literal["virtio-blk-pci", "ide-hd", "nvme", "sd"] = "virtio-blk-pci"
     """The disk by its `-device` name, or `sd` for a card in the board's slot."""
     device_tree: Text | None = None
     """The kernel's device tree of this machine; None if QEMU generates one or none is needed."""
@@ -214,7 +216,8 @@ class Platform(StrictModel):
     @property
     def disk_packages(self) -> tuple[str, ...]:
         """Debian packages with boot files on the disk: GRUB, or U-Boot and its loaders."""
-        return {"grub": (GRUB_PACKAGE,), "u-boot": tuple(self.boot_files), "none": ()}[self.loader]
+        pc = (GRUB_PACKAGE, GRUB_EFI_PACKAGE) if self.architecture == "amd64" else (GRUB_PACKAGE,)
+        return {"grub": pc, "u-boot": tuple(self.boot_files), "none": ()}[self.loader]
 
     @property
     def boot_packages(self) -> tuple[str, ...]:
@@ -266,6 +269,8 @@ class Image(StrictModel):
     """Services started at boot: folders of `evbotos/rootfs/services`."""
     files: Annotated[tuple[LayerName, ...], Field(strict=False)] = ()
     """Further folders of `evbotos/rootfs` to copy onto the root."""
+    kernel_fragments: Fragments = ()
+    """Files of `evbotos/kernel/` in addition to the platform's, for a kernel compiled from source."""
     prune: Texts = ()
     """Patterns of paths to leave out."""
     keep: Texts = ()
@@ -316,7 +321,17 @@ class Local(StrictModel):
     platforms: dict[Name, PlatformOverride] = Field(default={}, json_schema_extra=NAMES_ONLY)
 
 
-LISTS: Final = ("packages", "drop_packages", "wheels", "services", "files", "prune", "keep", "check")
+LISTS: Final = (
+    "packages",
+    "drop_packages",
+    "wheels",
+    "services",
+    "files",
+    "kernel_fragments",
+    "prune",
+    "keep",
+    "check",
+)
 """Keys of an image that are joined with those of its included images."""
 
 

@@ -156,7 +156,8 @@ def _drive(emulator: Emulator, file: Path, name: str) -> list[str]:
     drive = f"file={file},format=raw,id={name},cache=unsafe"
     if emulator.disk == "sd":
         return ["-drive", f"{drive},if=sd"]
-    return ["-drive", f"{drive},if=none", "-device", f"{emulator.disk},drive={name}"]
+    serial = f",serial={name}" if emulator.disk == "nvme" else ""  # which it requires
+    return ["-drive", f"{drive},if=none", "-device", f"{emulator.disk},drive={name}{serial}"]
 
 
 def _network_card(emulator: Emulator) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.log import get_logger
 from evbotos import slots
 from evbotos.disk import MIB, parts_of
+from evbotos.model import EmulatorLoader
 from evbotos.qemu import Machine
 from evbotos.shell import run as run_tool
 from evbotos.shell import run_binary
@@ -33,12 +35,14 @@ from tests.evbotos.proofs import (
     prove_square,
     prove_stick,
     prove_updates,
+    restart,
     status,
     stick_with,
     update_of,
     wait_for_good,
 )
 
+OVMF = Path("/usr/share/ovmf/OVMF.fd")
 _LOG = get_logger()
 
 pytestmark = [pytest.mark.evbotos, pytest.mark.timeout(3600)]
@@ -126,6 +130,23 @@ def test_a_small_drive_starts_the_system_on_the_main_one(proof: Proof, disk: Pat
         assert answer(proof, machine, "cat /run/evbotos/slot-a").strip() == "/dev/vdb2"
         wait_until(machine, "the slot is good", lambda: choice(small)["starts"] == "")
     assert choice(disk)["starts"] == ""  # nobody has touched it
+
+
+def test_a_pc_starts_by_its_uefi_from_an_nvme_disk_and_is_updated(proof: Proof, disk: Path, tmp_path: Path) -> None:
+    if not OVMF.is_file():
+        pytest.skip("not installed: ovmf (make evbotos-setup)")
+    assert proof.platform.emulator is not None
+    firmware = EmulatorLoader(package="ovmf", file=OVMF.name, arguments=("-bios", str(OVMF)))
+    modern = proof.platform.emulator.model_copy(update={"disk": "nvme", "loader": firmware})
+    pc = replace(proof, platform=proof.platform.model_copy(update={"emulator": modern}))
+    with started(pc, disk, memory_mb=256) as machine:
+        wait_for_words(machine, SERVES)
+        assert "/dev/nvme0n1p1 on /boot " in answer(pc, machine, "mount; ls -d /sys/firmware/efi")
+        wait_for_good(pc, machine, "a")
+        answer(pc, machine, "evbotos-update install -", update_of(pc, tmp_path).read_bytes())
+        restart(pc, machine)
+        wait_for_words(machine, SERVES, times=2)
+        wait_for_good(pc, machine, "b")
 
 
 @pytest.mark.parametrize("seed", [*range(2), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 20))])

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import pytest
@@ -141,6 +140,11 @@ def test_what_builds_on_an_image_gets_what_the_user_adds_only_if_it_says_so_itse
         ("platforms/board.yaml", PLATFORM.replace("grub", "u-boot"), "board.yaml:9:7: boot: amd64 is started by grub"),
         ("platforms/board.yaml", PLATFORM.replace("_x86_64]", "_i686]"), "wheels of amd64 end in x86_64, not"),
         ("platforms/board.yaml", PLATFORM.replace(": x86_64", ": arm"), "board.yaml:8:9: kernel: is for arm, but"),
+        (
+            "platforms/board.yaml",
+            PLATFORM.replace("[common", "[comon"),
+            "there is no kernel fragment 'comon.config'; did",
+        ),
         ("platforms/board.yaml", f"{PLATFORM}boot_files: {{one: {{a: ../b}}}}\n", "must be a file name on the boot"),
     ],
 )
@@ -167,27 +171,29 @@ def test_unknown_names_are_told_with_what_was_meant(folder: Path) -> None:
         found.image("lage")
 
 
-def test_the_page_names_a_kernel_with_drivers_of_devices(tmp_path: Path) -> None:
-    page = (Path(__file__).parents[2] / "docs/evbotos.md").read_text()
-    (asked,) = re.findall(r"```yaml\n(version: 1\nplatforms:\n[^`]*devices.config.*?)```", page, re.DOTALL)
-    (tmp_path / "own.yaml").write_text(asked)
-    shipped = load_definitions().platform("qemu-amd64").kernel
-    kernel = load_definitions(tmp_path / "own.yaml").platform("qemu-amd64").kernel
+def test_an_image_adds_drivers_to_the_kernel_of_its_platform() -> None:
+    found = load_definitions()
+    kernel, plain = found.chosen("qemu-amd64", "wireless")[0].kernel, found.chosen("qemu-amd64", "robot")[0].kernel
     assert isinstance(kernel, Kernel)
-    assert isinstance(shipped, Kernel)
-    assert kernel.model_dump() == {**shipped.model_dump(), "fragments": (*shipped.fragments, "devices.config")}
+    assert isinstance(plain, Kernel)
+    assert kernel.fragments == (*plain.fragments, "wifi.config")
     assert "CONFIG_MAC80211=y" in fragments_text(kernel)
+    assert "CONFIG_MAC80211=y" not in fragments_text(plain)
+
+
+def test_an_image_leaves_a_kernel_of_debian_as_it_is(folder: Path) -> None:
+    (folder / "images/small.yaml").write_text(SMALL + "kernel_fragments: [wifi.config]\n")
+    packaged = "kernel: {package: linux-image-amd64, modules: [squashfs]}\n"
+    (folder / "local.yaml").write_text(f"version: 1\nplatforms: {{board: {{{packaged.strip()}}}}}\n")
+    found = load_definitions(folder=folder)
+    assert found.chosen("board", "large")[0] == found.platform("board")
 
 
 def test_what_builds_on_the_robot_image_contains_this_project() -> None:
-    found = load_definitions()
-    assert {name for name, image in found.images.items() if image.project} == {"dev", "robot", "vision", "wireless"}
-    assert {name for name, image in found.images.items() if "robot" in image.services} == {
-        "dev",
-        "robot",
-        "vision",
-        "wireless",
-    }
+    images = load_definitions().images.values()
+    with_project = {image.name for image in images if image.project}
+    assert with_project == {"dev", "robot", "vision", "wireless"}
+    assert {image.name for image in images if "robot" in image.services} == with_project
 
 
 def test_an_image_is_for_its_architectures_and_so_is_what_builds_on_it(folder: Path) -> None:

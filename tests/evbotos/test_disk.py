@@ -14,7 +14,7 @@ from evbotos.disk_image import check_image
 from evbotos.errors import BuildError
 from evbotos.hosttools import find_tool
 from evbotos.lock import lock_path, read_lock
-from evbotos.model import GRUB_PACKAGE, Layout
+from evbotos.model import Layout
 from evbotos.packages import Apt
 from evbotos.slots import release_of, state_block
 from evbotos.verity import Verity, append_hashes, read_verity
@@ -26,12 +26,15 @@ MISSING = [name for name in TOOLS if find_tool(name) is None]
 needs_tools = pytest.mark.skipif(bool(MISSING), reason=f"not installed: {', '.join(MISSING)} (make evbotos-setup)")
 
 
-def grub_images(folder: Path, core_size: int = 1000) -> Path:
+def grub_images(folder: Path, core_size: int = 1000, *, has_efi: bool = True) -> Path:
     """Make a folder with files in the place of GRUB's images."""
     images = folder / "grub-images"
     images.mkdir(exist_ok=True)
     (images / "boot.img").write_bytes(b"B" * 512)
     (images / "core.img").write_bytes(b"C" * core_size)
+    (images / grub.EFI).unlink(missing_ok=True)
+    if has_efi:
+        (images / grub.EFI).write_bytes(b"E" * 500)
     return images
 
 
@@ -87,7 +90,17 @@ def test_a_disk_has_its_parts_where_its_table_says(tmp_path: Path) -> None:
         "::/root-a.env",
         "::/root-b.env",
         "::/robot/fleet.yaml",
+        "::/EFI/BOOT/BOOTX64.EFI",
     } <= set(listed)
+    assert [part["type"] for part in found["partitions"]] == ["ef", "83", "83", "83"]
+
+
+@needs_tools
+def test_a_disk_without_a_program_for_uefi_has_the_type_that_roms_require(tmp_path: Path) -> None:
+    what = contents(tmp_path)
+    grub_images(tmp_path, has_efi=False)
+    write_disk(tmp_path / "disk.img", LAYOUT, what)
+    assert (tmp_path / "disk.img").read_bytes()[446 + 4] == 0x0C
 
 
 @needs_tools
@@ -176,17 +189,21 @@ def test_the_locked_grub_is_made_of_its_package_alone_and_has_room(tmp_path: Pat
     platform = found.platform("qemu-amd64")
     lock = read_lock(lock_path(platform, found.image("robot")))
     assert lock is not None
-    locked = [package for package in lock.build_packages if package.name == GRUB_PACKAGE]
+    locked = [package for package in lock.build_packages if package.name in platform.disk_packages]
     apt = Apt(tmp_path / "apt", platform.architecture, sources_for(platform.suite, None), pytest.fail)
     try:
-        (package,) = apt.fetch(locked, tmp_path / "debs")
+        files = apt.fetch(locked, tmp_path / "debs")
     except BuildError as error:
         pytest.skip(f"the package cannot be had here: {error}")
+    packages = {package.name: file for package, file in zip(locked, files, strict=True)}
     for name in ("one", "two"):
-        grub.write_images(package, tmp_path / name)
+        grub.write_images(packages, tmp_path / name)
         (tmp_path / f"{name}.img").write_bytes(bytes(MIB))
         grub.install(tmp_path / f"{name}.img", tmp_path / name, first_partition=MIB // grub.SECTOR)
     one = (tmp_path / "one.img").read_bytes()
     assert one == (tmp_path / "two.img").read_bytes()
     assert b"GRUB " in one[:512]
     assert one[512:1024].strip(b"\0")
+    program = (tmp_path / "one" / grub.EFI).read_bytes()
+    assert program == (tmp_path / "two" / grub.EFI).read_bytes()
+    assert program[:2] == b"MZ"

@@ -93,8 +93,9 @@ def test_the_raspberry_pis_firmware_finds_all_that_its_settings_name(tmp_path: P
     names = {name.removeprefix("::/") for name in mtools("mdir", disk, "-b", "::/").split()}
     assert {"bootcode.bin", "bcm2837-rpi-3-b.dtb", "bcm2711-rpi-4-b.dtb"} <= names
     settings = mtools("mtype", disk, "::/config.txt").splitlines()
-    named = {line.partition("=")[2] for line in settings if line.startswith(("kernel=", "start_file=", "fixup_file="))}
-    assert len(named) == 5
+    keys = ("kernel=", "start_file=", "fixup_file=", "device_tree=")
+    named = {line.partition("=")[2] for line in settings if line.startswith(keys)}
+    assert len(named) == 6
     assert named <= names
 
 
