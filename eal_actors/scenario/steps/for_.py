@@ -25,9 +25,9 @@ from eal_actors.scenario.language.expressions import (
     to_plain,
 )
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
-from eal_actors.scenario.language.scenario import Keys, Scenario, Show, Steps
-from eal_actors.scenario.language.scope import LoopVariable, Scope, ScopeCheck
-from eal_actors.scenario.language.static_values import StaticLoop, value_of_parameters
+from eal_actors.scenario.language.scenario import Keys, Show, Steps
+from eal_actors.scenario.language.scope import Scope, ScopeCheck
+from eal_actors.scenario.language.static_values import StaticLoop
 from eal_actors.scenario.language.values import MIN_ITEMS, NOT_EMPTY, Value, VariableName, WholeExpression
 from eal_actors.scenario.language.wording import short_value
 from eal_actors.scenario.steps.loop import LoopStep
@@ -82,9 +82,8 @@ class ForStep(LoopStep):
         check.variable_name(name, here, key=True)
 
     @override
-    def loop_variable(self, check: ScopeCheck, scope: Scope) -> LoopVariable:
-        passes = len(self.values) if isinstance(self.values, tuple) else None
-        return LoopVariable(self.variable, passes, check.is_static(self.values, scope))
+    def loop(self) -> tuple[str, object]:
+        return self.variable, self.values
 
     @override
     def robots_inside(self, check: RobotCheck, path: YamlPath, here: RobotScope, keys: Keys) -> RobotScope:
@@ -122,11 +121,6 @@ class ForStep(LoopStep):
     @override
     def block_words(self, show: Show) -> str:
         return f"for {self.variable} in {show(self.values)}"
-
-    @override
-    def passes(self, scenario: Scenario) -> int | None:
-        values = self.values if isinstance(self.values, tuple) else value_of_parameters(scenario, self.values)
-        return len(values) if isinstance(values, list | tuple) else None
 
     @override
     def perform_inside(self, run: RunContext, context: ExecutionContext, path: str) -> Coroutine:

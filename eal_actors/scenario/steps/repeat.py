@@ -15,9 +15,8 @@ from eal_actors.scenario.engine.frames import ExecutionContext
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import evaluate, parse_template
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
-from eal_actors.scenario.language.scenario import Keys, Scenario, Show, Steps
-from eal_actors.scenario.language.scope import LoopVariable, Scope, ScopeCheck
-from eal_actors.scenario.language.static_values import StaticLoop, value_of_parameters
+from eal_actors.scenario.language.scenario import Keys, Show, Steps
+from eal_actors.scenario.language.static_values import StaticLoop
 from eal_actors.scenario.language.values import INDEX, Held, Repeats
 from eal_actors.scenario.steps.loop import LoopStep
 
@@ -31,9 +30,8 @@ class RepeatStep(LoopStep):
     do: Steps
 
     @override
-    def loop_variable(self, check: ScopeCheck, scope: Scope) -> LoopVariable:
-        passes = self.repeat if isinstance(self.repeat, int) else None
-        return LoopVariable(INDEX, passes, check.is_static(self.repeat, scope))
+    def loop(self) -> tuple[str, object]:
+        return INDEX, self.repeat
 
     @override
     def robots_inside(self, check: RobotCheck, path: YamlPath, here: RobotScope, keys: Keys) -> RobotScope:
@@ -51,11 +49,6 @@ class RepeatStep(LoopStep):
     @override
     def block_words(self, show: Show) -> str:
         return f"repeat {show(self.repeat)} times"
-
-    @override
-    def passes(self, scenario: Scenario) -> int | None:
-        found = value_of_parameters(scenario, self.repeat)
-        return found if isinstance(found, int) else None
 
     @override
     def perform_inside(self, run: RunContext, context: ExecutionContext, path: str) -> Coroutine:

@@ -21,8 +21,8 @@ from eal_actors.scenario.engine.python_functions import StepFunction
 from eal_actors.scenario.language.expressions import Namespace, expressions_in, render
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
 from eal_actors.scenario.language.scenario import Keys, Scenario, Show, Step, Steps
-from eal_actors.scenario.language.scope import LoopVariable, Scope, ScopeCheck
-from eal_actors.scenario.language.static_values import StaticLoop, value_of_parameters
+from eal_actors.scenario.language.scope import Scope, ScopeCheck
+from eal_actors.scenario.language.static_values import StaticLoop
 from eal_actors.scenario.language.values import Held
 from eal_actors.scenario.steps.for_ import LoopValues
 from eal_actors.scenario.steps.loop import LoopStep
@@ -67,9 +67,8 @@ class VisitStep(LoopStep):
             check.report((*path, "visit"), f"'{PLACE}' is the variable of a loop around this one already", key=True)
 
     @override
-    def loop_variable(self, check: ScopeCheck, scope: Scope) -> LoopVariable:
-        passes = len(self.visit) if isinstance(self.visit, tuple) else None
-        return LoopVariable(PLACE, passes, check.is_static(self.visit, scope))
+    def loop(self) -> tuple[str, object]:
+        return PLACE, self.visit
 
     @override
     def check_robots(self, check: RobotCheck, path: YamlPath, here: RobotScope) -> None:
@@ -89,11 +88,6 @@ class VisitStep(LoopStep):
     @override
     def block_words(self, show: Show) -> str:
         return f"visit {show(self.visit)}" + (", divided among the robots" if self.split else "")
-
-    @override
-    def passes(self, scenario: Scenario) -> int | None:
-        values = self.visit if isinstance(self.visit, tuple) else value_of_parameters(scenario, self.visit)
-        return len(values) if isinstance(values, list | tuple) else None
 
     @override
     def count_calls(self, scenario: Scenario, path: YamlPath, robots: int | None, live: Mapping[str, int]) -> int:

@@ -19,8 +19,8 @@ from eal_actors.scenario.engine.frames import ExecutionContext
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import Expression, Namespace, evaluate, parse_bare, to_plain
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
-from eal_actors.scenario.language.scenario import Keys, Scenario, Show, Steps
-from eal_actors.scenario.language.scope import LoopVariable, Scope, ScopeCheck
+from eal_actors.scenario.language.scenario import Keys, Show, Steps
+from eal_actors.scenario.language.scope import Scope, ScopeCheck
 from eal_actors.scenario.language.static_values import Guard, StaticLoop
 from eal_actors.scenario.language.values import INDEX, ExpressionText, Held, Repeats
 from eal_actors.scenario.steps.loop import LoopStep
@@ -47,8 +47,8 @@ class WhileStep(LoopStep):
         check.expression(self.while_, (*path, "while"), self.scope_inside(check, scope))  # it may use the index
 
     @override
-    def loop_variable(self, check: ScopeCheck, scope: Scope) -> LoopVariable:
-        return LoopVariable(INDEX, None, is_static=False)
+    def loop(self) -> tuple[str, object]:
+        return INDEX, None
 
     @override
     def robots_inside(self, check: RobotCheck, path: YamlPath, here: RobotScope, keys: Keys) -> RobotScope:
@@ -58,10 +58,6 @@ class WhileStep(LoopStep):
     @override
     def block_words(self, show: Show) -> str:
         return f"while {self.while_}, at most {show(self.limit)} times"
-
-    @override
-    def passes(self, scenario: Scenario) -> None:
-        return None
 
     @override
     def perform_inside(self, run: RunContext, context: ExecutionContext, path: str) -> Coroutine:
