@@ -213,19 +213,26 @@ def adjust_bundle(
 def _best_parameters(problem: _Problem, *, may_be_beside: bool) -> Floats:
     """Return the best parameters.
 
-    The given lens and a camera on the axis are kept unless other ones explain the points clearly better.
+    The given lens and a camera on the axis are kept unless other ones explain the points clearly better. A position
+    beside the axis comes first: another lens explains a part of what it does.
     """
     rough = replace(problem, points=problem.points.rough())
-    everything = (_LENS, _PLACE, _NEAR, _ATTITUDES)
+    beside_axis = (_PLACE, _NEAR, _ATTITUDES)
     if problem.camera.parallax.is_some:
-        return _minimise(rough, problem.start, everything)
-    best = _minimise(problem, problem.start, (_ATTITUDES,))
-    best = _better(problem, best, _minimise(problem, best, (_LENS, _ATTITUDES)))
+        best = _minimise(rough, problem.start, beside_axis)
+        return _better(rough, best, _minimise(rough, best, (_LENS, *beside_axis)))
+    same_lens = _minimise(problem, problem.start, (_ATTITUDES,))
+    best = _better(problem, same_lens, _minimise(problem, same_lens, (_LENS, _ATTITUDES)))
     if not may_be_beside:
         return best
-    beside = _minimise(rough, problem.start, everything)
-    is_clear = rough.cost(beside, _LOSS_SCALES[-1]) < _BESIDE * rough.cost(best, _LOSS_SCALES[-1])
-    return beside if is_clear else best
+    beside = _minimise(rough, problem.start, beside_axis)
+    costs = [rough.cost(parameters, _LOSS_SCALES[-1]) for parameters in (beside, same_lens, best)]
+    if costs[0] < min(_BESIDE * costs[1], costs[2]):
+        return beside
+    if best is same_lens:
+        return best
+    beside = _minimise(rough, problem.start, (_LENS, *beside_axis))
+    return beside if rough.cost(beside, _LOSS_SCALES[-1]) < _BESIDE * costs[2] else best
 
 
 def _better(problem: _Problem, best: Floats, other: Floats) -> Floats:

@@ -109,7 +109,7 @@ def common_rows(
     for number, view in views.items():
         own_rad = columns_rad[owners == number]
         if own_rad.size:
-            most_px = int(2 * view.lens.height * px_per_rad / view.lens.focal_px)
+            most_px = int(view.lens.height * px_per_rad / view.lens.focal_px)
             rows = np.arange(-most_px, most_px)
             x, _, reaches = view.pixels(own_rad, (rows + 0.5) / px_per_rad)
             middle = np.abs(x - (view.lens.width - 1) / 2) <= view.lens.width / 2  # the sides of the frame do not count

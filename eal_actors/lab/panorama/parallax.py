@@ -11,7 +11,9 @@ import math
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from eal_actors.lab.panorama.cylinder import Attitude, CameraLens, Floats, Mask
 
@@ -32,18 +34,48 @@ def knot_weights(yaws_rad: Any) -> Floats:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class DepthMap:
+    """The distances of what stands round the axis of rotation.
+
+    Attributes:
+        nearness: inverse horizontal distance in each cell; columns from yaw 0 counter-clockwise, (rows, columns).
+        top: tangent of the depression of the upper edge.
+        row: height of a row, as a difference of tangents.
+    """
+
+    nearness: NDArray[np.float32]
+    top: float
+    row: float
+
+    def at(self, yaws_rad: Floats, down: Floats) -> Floats:
+        """Return the nearness in directions, interpolated between the cells.
+
+        Args:
+            yaws_rad: the directions, (n,).
+            down: tangents of their depression, (n,) or (m, 1).
+        """
+        ring = np.pad(self.nearness, ((0, 0), (1, 1)), mode="wrap")
+        columns = np.mod(yaws_rad, 2 * math.pi) * self.nearness.shape[1] / (2 * math.pi) + 0.5
+        x, y = np.broadcast_arrays(np.float32(columns), np.float32((down - self.top) / self.row - 0.5))
+        found = cv2.remap(ring, np.atleast_2d(x), np.atleast_2d(y), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(found, np.float64).reshape(x.shape)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Parallax:
-    """The position of a camera, and the walls round it.
+    """The position of a camera, and what stands round it.
 
     Attributes:
         ahead: distance of the camera ahead of the axis, in camera heights.
         left: distance to the left of the axis, in camera heights.
         nearness: inverse distance of the walls from the axis, from yaw 0 counter-clockwise, (KNOTS,).
+        depths: the same in more detail, for all that stands on the floor; None if it is not known.
     """
 
     ahead: float
     left: float
     nearness: Floats
+    depths: DepthMap | None = None
 
     @classmethod
     def none(cls) -> Parallax:
@@ -80,7 +112,8 @@ class Parallax:
         """
         if not self.is_some:
             return right_rad, down
-        near = np.maximum(knot_weights(yaws_rad) @ self.nearness, down)
+        walls = knot_weights(yaws_rad) @ self.nearness if self.depths is None else self.depths.at(yaws_rad, down)
+        near = np.maximum(walls, down)
         forward, aside = np.cos(right_rad) - near * self.ahead, -np.sin(right_rad) - near * self.left
         return -np.arctan2(aside, forward), down / np.hypot(forward, aside)
 

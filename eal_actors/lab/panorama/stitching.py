@@ -25,6 +25,7 @@ from eal_actors.lab.panorama.cylinder import CameraLens, Image, PlacedBy
 from eal_actors.lab.panorama.parallax import Parallax
 from eal_actors.lab.panorama.placement import FramePlacement, gains_of, place_frames
 from eal_actors.lab.panorama.ring import Ring, ring_of
+from eal_actors.lab.panorama.surroundings import with_surroundings
 
 _LEAST_OVERLAP_DEG: Final = 10.0
 _TOLERANCE_DEG: Final = 2.0  # tolerance for steps that odometry overestimates
@@ -98,7 +99,7 @@ def stitch(
     names = names or [f"frame {number}" for number in range(len(frames))]
     usable, odd = check_frames(frames, yaws_rad, field_of_view_rad, names)
     lens = CameraLens.of(next(iter(usable.values())), field_of_view_rad)
-    placement = place_frames(usable, yaws_rad, lens, names)
+    placement = with_surroundings(usable, place_frames(usable, yaws_rad, lens, names))
     unplaced = dict(sorted({**odd, **placement.unplaced}.items()))
     if len(placement.places) < 2:
         reasons = "".join(f"\n  {names[number]} {reason}" for number, reason in unplaced.items())

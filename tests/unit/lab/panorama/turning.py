@@ -103,6 +103,16 @@ def truth(panorama: Panorama, true_rad: Sequence[float], rays_per_side: int = 2,
     return np.rint(total / rays_per_side**2).clip(0, 255).astype(np.uint8)
 
 
+def true_nearness(yaws_rad: NDArray[Any], down: NDArray[Any]) -> NDArray[np.float64]:
+    """Return the inverse horizontal distance of what is seen from the axis, in camera heights, (h, w)."""
+    directions = np.empty((len(down), len(yaws_rad), 3))
+    directions[..., 0], directions[..., 1] = np.cos(yaws_rad), np.sin(yaws_rad)
+    directions[..., 2] = -down[:, np.newaxis]
+    rays = directions.reshape(-1, 3)
+    met = [surface.meet(np.array(PLACE_M), rays) for surface in ray_caster._surfaces(lab(), [])]
+    return np.asarray(PLACE_M[2] / np.min(met, axis=0)).reshape(len(down), -1)
+
+
 def ssim(image: Image, other: Image) -> float:
     """Return the structural similarity of two pictures' brightness (Wang et al. 2004), in windows of 1.5 px sigma."""
     one, two = (cv2.cvtColor(each, cv2.COLOR_RGB2GRAY).astype(np.float64) for each in (image, other))
