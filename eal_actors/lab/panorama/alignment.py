@@ -21,17 +21,22 @@ from eal_actors.lab.panorama.cylinder import Attitude, Floats, Image, Mask, wrap
 from eal_actors.lab.panorama.parallax import KNOTS, Parallax, TurnedCamera, knot_weights
 from eal_actors.lab.panorama.ring import Ring
 
-_BLURS_RAD: Final = (0.011, 0.0055, 0.0035)  # 6, 3 and 2 px of a frame of 640 px and 60 degrees
-_STEP_RAD: Final = 0.0045  # between compared points
+_SCALES: Final = ((0.011, 24.0), (0.0055, 12.0), (0.0035, 6.0))
+"""Blurs in radians: 6, 3 and 2 px of a frame of 640 px and 60 degrees. And the differences in grey levels, from which a
+point counts less because it is no floor: at first they must exceed those by wrong attitudes."""
+_STEP_RAD: Final = 0.0045  # between compared points; more if they were too many, with a wide lens
+_MOST_POINTS: Final = 20_000  # of a pair of frames
+_STEEPEST: Final = 1.0  # tangent of the depression of compared points
 _CLEAR_OF_WALLS: Final = 1.3  # nearness of compared floor, in those of the wall behind it, which is known roughly
 _REACH_RAD: Final = 0.04  # beyond the overlap, in which the camera's position may move things
-_LEVELS: Final = 6.0  # differences in grey levels from which a point counts less: it is no floor
 _SHARE: Final = 0.1  # of the points count as independent: neighbours are alike
-_FEWEST: Final = 500  # points of a link
+_LOWEST: Final = 0.7  # of the depression of the lower edge: from there on all is taken for floor
+_FEWEST: Final = 200  # points of a link
 _TURN_SIGMA_RAD: Final = math.radians(3)
 _LEVEL_SIGMA_RAD: Final = math.radians(0.05)
 _PLACE_SIGMA: Final = 0.3  # camera heights
 _MOST_STEPS: Final = 10
+_MUCH_WORSE: Final = 1.25  # loss in that of the start: obstacles that are taken for floor make it vary
 _ENOUGH_RAD: Final = 3e-5
 _CHANGE: Final = 1e-4
 
@@ -61,14 +66,15 @@ def align_pixels(
     order = list(ring.order)
     start = np.concatenate([*(places[number] for number in order), [camera.parallax.ahead, camera.parallax.left]])
     found = start
-    for blur_rad in _BLURS_RAD if camera.parallax.depths is None else _BLURS_RAD[-1:]:
+    for blur_rad, levels in _SCALES if camera.parallax.depths is None else _SCALES[1:]:
         blurred = [_with_gradients(frames[number], blur_rad * camera.lens.focal_px) for number in order]
         for _ in range(_MOST_STEPS):
-            step, _ = _step(blurred, camera, found, start)
+            step, _ = _step(blurred, camera, found, start, levels)
             found = found - step
             if np.abs(step).max() < _ENOUGH_RAD:
                 break
-    if _step(blurred, camera, found, start)[1] > _step(blurred, camera, start, start)[1]:
+    reached, before = (_step(blurred, camera, each, start, levels)[1] for each in (found, start))
+    if reached > _MUCH_WORSE * before:
         return camera, dict(places)  # a floor without texture leads nowhere
     attitudes = {number: Attitude(*found[3 * at : 3 * at + 3].tolist()) for at, number in enumerate(order)}
     return _at(camera, found, camera.parallax), attitudes
@@ -88,7 +94,9 @@ def _with_gradients(frame: Image, blur_px: float) -> Floats:
     return np.dstack((grey, *slopes))
 
 
-def _step(blurred: list[Floats], camera: TurnedCamera, found: Floats, start: Floats) -> tuple[Floats, float]:
+def _step(
+    blurred: list[Floats], camera: TurnedCamera, found: Floats, start: Floats, levels: float
+) -> tuple[Floats, float]:
     """Return how far the parameters are from the best ones of the linear problem, and the mean loss of a point."""
     count = len(blurred)
     curvature, slope = _priors(found, start)
@@ -96,17 +104,19 @@ def _step(blurred: list[Floats], camera: TurnedCamera, found: Floats, start: Flo
     for one in range(count):
         other = (one + 1) % count
         turn_rad = wrapped_rad(found[3 * one] - found[3 * other])
-        half_rad = camera.lens.half_view_rad - abs(turn_rad) / 2 + _REACH_RAD
-        yaws_rad = found[3 * one] - turn_rad / 2 - np.arange(-half_rad, half_rad, _STEP_RAD)
-        down, is_known = _known_rows(camera, yaws_rad)
+        half_rad = min(camera.lens.half_view_rad - turn_rad / 2, turn_rad / 2) + _REACH_RAD
+        bottom = min(camera.lens.height / 2 / camera.lens.focal_px, _STEEPEST)
+        step_rad = max(_STEP_RAD, math.sqrt(4 * half_rad * bottom / _MOST_POINTS))
+        yaws_rad = found[3 * one] - turn_rad / 2 - np.arange(-half_rad, half_rad, step_rad)
+        down, is_known = _known_rows(camera, yaws_rad, np.arange(-bottom, bottom, step_rad)[:, np.newaxis])
         first, second = (_look(blurred[at], camera, found, at, yaws_rad, down) for at in (one, other))
         common = first.reaches & second.reaches & is_known
         if int(common.sum()) < _FEWEST:
             continue
         misses = (first.levels - second.levels)[common]
         misses = misses - np.median(misses)
-        losses.append(float(np.log1p((misses / _LEVELS) ** 2).mean()))
-        weights = _SHARE / (_LEVELS**2 + misses**2)
+        losses.append(float(np.log1p((misses / levels) ** 2).mean()))
+        weights = _SHARE / (levels**2 + misses**2)
         of_first, of_second = first.slopes[:, common], second.slopes[:, common]
         slopes = np.concatenate((of_first[:3], -of_second[:3], of_first[3:] - of_second[3:]))
         slopes -= np.average(slopes, axis=1, weights=weights)[:, np.newaxis]
@@ -117,14 +127,13 @@ def _step(blurred: list[Floats], camera: TurnedCamera, found: Floats, start: Flo
     return np.linalg.solve(curvature, slope), math.fsum(losses)
 
 
-def _known_rows(camera: TurnedCamera, yaws_rad: Floats) -> tuple[Floats, Mask]:
-    """Return the depressions to compare, (m, 1), and where the distance is known, (m, n)."""
-    bottom = camera.lens.height / 2 / camera.lens.focal_px
+def _known_rows(camera: TurnedCamera, yaws_rad: Floats, down: Floats) -> tuple[Floats, Mask]:
+    """Return those of some depressions (h, 1) that can be compared, (m, 1), and where the distance is known, (m, n)."""
     if camera.parallax.depths is not None:
-        down = np.arange(-bottom, bottom, _STEP_RAD)[:, np.newaxis]
         return down, np.ones((len(down), len(yaws_rad)), bool)
     walls = _CLEAR_OF_WALLS * (knot_weights(yaws_rad) @ camera.parallax.nearness)
-    down = np.arange(walls.min(), bottom, _STEP_RAD)[:, np.newaxis]
+    walls = np.minimum(walls, _LOWEST * down[-1])  # a link that nothing determines would spoil the ring
+    down = down[down[:, 0] > walls.min()]
     return down, down > walls
 
 

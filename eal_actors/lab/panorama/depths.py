@@ -29,8 +29,9 @@ from eal_actors.lab.panorama.ring import Ring
 
 _COLUMNS: Final = 432  # cells round the ring
 _CELL_RAD: Final = 2 * 2 * math.pi / _COLUMNS  # height of a cell
-_ACROSS, _ALONG = 4, 8  # samples of a cell
+_ACROSS, _ALONG = 2, 8  # samples of a cell
 _STEP_RAD: Final = 2 * math.pi / _COLUMNS / _ACROSS
+_STEEPEST: Final = 1.0  # tangent of the elevation and depression of the map; beyond, its edges count
 _LABEL: Final = 1.08  # ratio of the distances of two labels
 _NEARNESS: Final = (0.5, 2.0)  # range of the labels, in those of the walls by features
 _MOST_LABELS: Final = 48
@@ -89,7 +90,7 @@ class _Sweep:
     def __init__(self, camera: TurnedCamera, places: Mapping[int, Attitude]) -> None:
         self._camera: Final = camera
         self._places: Final = places
-        bottom = camera.lens.height / 2 / camera.lens.focal_px
+        bottom = min(camera.lens.height / 2 / camera.lens.focal_px, _STEEPEST)
         self.rows: Final = math.ceil(2 * bottom / _CELL_RAD)
         self._top: Final = -self.rows * _CELL_RAD / 2
         self.down: Final = self._top + (np.arange(self.rows * _ALONG) + 0.5) * _CELL_RAD / _ALONG
@@ -127,7 +128,7 @@ class _Sweep:
         sums, shares = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
         half_view_rad = self._camera.lens.half_view_rad
         for one, other, turn_rad in ring.neighbours():
-            half_rad = half_view_rad - turn_rad / 2 + _REACH_RAD
+            half_rad = min(half_view_rad - turn_rad / 2, turn_rad / 2) + _REACH_RAD
             first = math.floor((self._places[one].yaw_rad - turn_rad / 2 - half_rad) / _STEP_RAD / _ACROSS)
             columns = np.arange(first, first + math.ceil(2 * half_rad / _STEP_RAD / _ACROSS))
             samples = np.arange(columns[0] * _ACROSS, (columns[-1] + 1) * _ACROSS)

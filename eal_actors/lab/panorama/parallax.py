@@ -1,8 +1,8 @@
 """Parallax: what a camera beside the axis of rotation sees, as it looks from the axis itself.
 
-How far a thing is shifted depends on its distance, which frames show only where they overlap. So the surroundings are a
-level floor and upright walls, whose distance changes gradually from one overlap to the next. Lengths are in heights of
-the camera above the floor: pictures alone determine no metres.
+How far a thing is shifted depends on its distance. As long as features alone are known, the surroundings are a level
+floor and upright walls, whose distance changes gradually from one overlap to the next; a map of distances follows from
+the pixels (`depths`). Lengths are in heights of the camera above the floor: pictures alone determine no metres.
 """
 
 from __future__ import annotations

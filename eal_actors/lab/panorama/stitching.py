@@ -52,7 +52,8 @@ class Panorama:
         unplaced: why the other frames were not placed, by number.
         gains: brightness gain of each placed frame.
         lens: the camera's lens, as the frames determine it.
-        parallax: its position beside the axis of rotation, as the frames determine it.
+        parallax: its position beside the axis of rotation, and the distances of what stands round it, as the frames
+            determine them.
         closing_error_rad: sum of the turns by pictures minus a full turn, before its distribution round the ring; a
             large value means a wrong field of view. None if unknown, for example for an open ring.
     """

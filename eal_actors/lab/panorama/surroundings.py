@@ -30,8 +30,10 @@ def with_surroundings(frames: Mapping[int, Image], placement: FramePlacement) ->
     Thread: any; it may take some seconds.
     """
     places, camera = dict(placement.places), placement.camera
+    if not camera.parallax.is_some:
+        return placement
     ring = ring_of({number: attitude.yaw_rad for number, attitude in places.items()}, 2 * camera.lens.half_view_rad)
-    if not camera.parallax.is_some or not ring.is_closed:
+    if not ring.is_closed:
         return placement
     gains = gains_of(placement)
     alike = {number: _brightened(scaled_down(frames[number], _WIDTH), gains[number]) for number in places}
