@@ -42,7 +42,7 @@ _CHANGE: Final = 1e-4
 
 
 class _View(NamedTuple):
-    """What a frame shows of some directions: brightness (m, n), its slopes by the parameters (5, m, n), the mask."""
+    """A view of some directions: brightness (m, n), its slopes by the parameters (5, m, n), and where the frame is."""
 
     levels: Floats
     slopes: Floats
