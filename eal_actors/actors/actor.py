@@ -58,6 +58,8 @@ class EALActor(pykka.ThreadingActor):
         self._capacity = capacity
         self.thread: threading.Thread | None = None
         self._is_abandoned = False
+        self._visitor: threading.Thread | None = None
+        self._visitor_lock = threading.Lock()
         super().__init__()
 
     @override
@@ -149,10 +151,24 @@ class EALActor(pykka.ThreadingActor):
         inbox, visit = self.actor_inbox, object()
         while (timer := inbox.borrow_timer(visit)) is not None:
             try:
-                self._handle_here(timer)
+                self._serve_timer(timer)
             finally:
                 inbox.give_back(visit)
         return inbox.set_reader_time()
+
+    def _serve_timer(self, timer: Action) -> None:
+        """Run a timer. Thread: another actor's, which lives on if this actor is abandoned meanwhile."""
+        try:
+            with self._visitor_lock:
+                self._visitor = threading.current_thread()
+            try:
+                self._handle_here(timer)
+            finally:
+                with self._visitor_lock:  # from here on, `abandon` does not raise in this thread
+                    self._visitor = None
+        except AbandonedThread:
+            if not self._is_abandoned:
+                raise
 
     def _handle_here(self, message: Any) -> None:
         try:
@@ -191,7 +207,7 @@ class EALActor(pykka.ThreadingActor):
                 envelope.reply_to.set_exception(pykka.ActorDeadError(f"{self} stopped before handling the message"))
 
     def abandon(self, error: EALError) -> None:
-        """Give up a stuck actor: fail its callers and raise AbandonedThread in its thread.
+        """Give up a stuck actor: fail its callers and raise AbandonedThread in its thread, and in one that serves it.
 
         That unwinds Python code that loops or sleeps in short turns. A thread that blocks forever inside one system
         call stays, as a daemon.
@@ -204,6 +220,9 @@ class EALActor(pykka.ThreadingActor):
         self._refuse(error)
         if self.thread is not None:
             raise_in(self.thread, AbandonedThread)
+        with self._visitor_lock:
+            if self._visitor is not None:
+                raise_in(self._visitor, AbandonedThread)
 
 
 def halt_if_still_stuck(actor: EALActor, halt: Callable[[], Any]) -> None:

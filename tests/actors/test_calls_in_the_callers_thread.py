@@ -14,6 +14,7 @@ from eal_actors.actors.many import read_many, send_many
 from eal_actors.device.data import DataType
 from eal_actors.device.info import ResourceType, ValueInfo
 from eal_actors.device.resource import Resource, command
+from eal_actors.kernel import lock_step
 from eal_actors.kernel.errors import EALError, ResourceFaultError, UnavailableError
 from eal_actors.kernel.lock_step import LockStepClock
 from tests.robots import WAIT_S, running_robot
@@ -234,3 +235,32 @@ def test_a_crash_in_the_thread_of_another_resource_is_its_own() -> None:
         broken.raises = None
         assert robot["Broken"].send_cmd("beat").get() == 4  # it has been started anew
         assert robot.restarts == {"Broken": 1}
+
+
+class Stuck(Beat):
+    """Never ends its second step."""
+
+    @command("beat")
+    def beat(self) -> Generator[float, None, int]:
+        yield 0.5
+        self.threads.append(threading.current_thread().name)
+        while self.count >= 0:
+            self.count += 1
+        return 1
+
+
+@pytest.mark.slow
+def test_a_resource_that_is_stuck_in_the_thread_of_another_is_abandoned_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lock_step, "_PATIENCE_S", 0.5)  # of processor time, until time goes on
+    clock, healthy, stuck = LockStepClock(), Beat(), Stuck()
+    clock.sleep(0)
+    with running_robot({"Healthy": lambda: healthy, "Stuck": lambda: stuck}, clock=clock, timeout_s=1.0) as robot:
+        beats = [robot[name].send_cmd("beat", timeout_s=1e6) for name in ("Healthy", "Stuck")]
+        while not all(beat.done() for beat in beats):
+            clock.sleep(0.1)  # without a sleeper, time would jump to the deadlines while that thread unwinds
+        error = beats[1].exception()
+        assert isinstance(error, EALError)
+        assert "Stuck" in str(error)
+        assert stuck.threads == ["robot/Healthy"]
+        assert beats[0].get() == 4
+        assert robot["Healthy"].send_cmd("beat", timeout_s=1e6).get() == 4
