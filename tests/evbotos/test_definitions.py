@@ -192,7 +192,7 @@ def test_an_image_leaves_a_kernel_of_debian_as_it_is(folder: Path) -> None:
 def test_what_builds_on_the_robot_image_contains_this_project() -> None:
     images = load_definitions().images.values()
     with_project = {image.name for image in images if image.project}
-    assert with_project == {"dev", "robot", "vision", "wireless"}
+    assert with_project == {"dev", "octave-robot", "robot", "vision", "wireless"}
     assert {image.name for image in images if "robot" in image.services} == with_project
 
 
@@ -209,5 +209,5 @@ def test_an_image_is_for_its_architectures_and_so_is_what_builds_on_it(folder: P
 def test_the_shipped_definitions_name_every_platform_and_image() -> None:
     found = load_definitions()
     assert set(found.platforms) == {"beagle-armhf", "pc104-i686", "qemu-amd64", "qemu-arm64", "raspberry-pi"}
-    assert set(found.images) == {"dev", "minimal", "octave", "robot", "vision", "wireless"}
+    assert set(found.images) == {"dev", "minimal", "octave", "octave-robot", "robot", "vision", "wireless"}
     assert set(found.image("minimal").packages) < set(found.image("octave").packages)

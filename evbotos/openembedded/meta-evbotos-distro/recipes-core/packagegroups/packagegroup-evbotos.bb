@@ -12,6 +12,7 @@ PACKAGES = "\
     ${PN}-dev-image \
     ${PN}-minimal-image \
     ${PN}-octave-image \
+    ${PN}-octave-robot-image \
     ${PN}-robot-image \
     ${PN}-vision-image \
     ${PN}-wireless-image \
@@ -105,6 +106,45 @@ RDEPENDS:${PN}-octave-image = "\
     openssh-sftp-server \
     python3-core \
     python3-modules \
+"
+
+RDEPENDS:${PN}-octave-robot-image = "\
+    busybox \
+    busybox-mdev \
+    busybox-syslog \
+    dropbear \
+    evbotos-rootfs \
+    evbotos-rootfs-hotplug \
+    evbotos-rootfs-log \
+    evbotos-rootfs-network \
+    evbotos-rootfs-robot \
+    evbotos-rootfs-ssh \
+    evbotos-rootfs-time \
+    evbotos-rootfs-update \
+    evbotos-rootfs-watchdog \
+    glibc \
+    mdnsd \
+    nftables \
+    octave \
+    openntpd \
+    openssh-sftp-server \
+    python3-cffi \
+    python3-core \
+    python3-eal-actors \
+    python3-eal-actors-plugins \
+    python3-eclipse-zenoh \
+    python3-modules \
+    python3-msgpack \
+    python3-numpy \
+    python3-pydantic \
+    python3-pykka \
+    python3-pymunk \
+    python3-pyserial \
+    python3-pyyaml \
+    python3-rich \
+    python3-simpleeval \
+    python3-structlog \
+    python3-typer \
 "
 
 RDEPENDS:${PN}-robot-image = "\

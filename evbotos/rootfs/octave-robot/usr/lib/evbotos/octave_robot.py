@@ -1,0 +1,61 @@
+"""The fleet for Octave: `eal_call.m` writes each call as a line of JSON, and reads its answer as one."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any, Final
+
+from robot_user import find_fleet  # type: ignore[import-not-found]  # beside this file in the image
+
+from eal_actors import Fleet
+from eal_actors.kernel.errors import EALError
+
+_METHODS: Final = (
+    "get_status",
+    "get_value",
+    "set_value",
+    "send_req",
+    "send_cmd",
+    "read_comm",
+    "write_comm",
+    "get_config",
+    "set_config",
+    "halt",
+)
+
+
+def answer(fleet: Fleet, line: str) -> dict[str, Any]:
+    """Return the value of a call, or what was wrong with it."""
+    robot, resource, method, arguments = json.loads(line)
+    if method not in _METHODS:
+        return {"error": f"there is no method '{method}': {', '.join(_METHODS)}"}
+    try:
+        result = getattr(fleet[robot][resource], method)(*arguments).get()
+    except (EALError, TypeError) as error:
+        return {"error": str(error)}
+    value = getattr(result, "value", result)
+    if isinstance(value, bytes):
+        value = list(value)
+    return {"value": value.tolist() if hasattr(value, "tolist") else value}
+
+
+def _say(told: dict[str, Any]) -> None:
+    sys.stdout.write(json.dumps(told) + "\n")
+    sys.stdout.flush()
+
+
+def main() -> None:
+    """Answer calls until Octave ends."""
+    path = Path(sys.argv[1]) if len(sys.argv) > 1 else find_fleet()
+    try:
+        with Fleet.load(path) as fleet:
+            for line in sys.stdin:
+                _say(answer(fleet, line))
+    except EALError as error:
+        _say({"error": str(error)})
+
+
+if __name__ == "__main__":
+    main()

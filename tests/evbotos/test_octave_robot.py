@@ -1,0 +1,98 @@
+"""Octave drives the robot of its own machine, in a booted image that has both."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from eal_actors.kernel.log import get_logger
+from evbotos.build import Build
+from evbotos.definitions import load_definitions
+from evbotos.fields import ROOTFS
+from evbotos.hosttools import find_tool, needed_for
+from evbotos.model import Local
+from evbotos.run_command import memory_for
+from tests.evbotos.proof import SERVES, Proof, answer, compressed_quickly, give_keys, ssh, started, wait_for_words
+
+DRIVE = """
+before = eal_call ("evbot", "TruePose", "get_value");
+eal_call ("evbot", "Base", "send_cmd", "f0.3");
+after = eal_call ("evbot", "TruePose", "get_value");
+printf ("%.2f m\\n", norm (after(1:2) - before(1:2)));
+tic; for i = 1:50 eal_call ("evbot", "TruePose", "get_value"); end
+printf ("%.1f ms for each call\\n", 20 * toc);
+try
+  eal_call ("evbot", "Base", "send_cmd", "jump");
+catch problem
+  disp (problem.message);
+end
+system ("free -k");
+"""
+_LOG = get_logger()
+
+FLEET = """version: 1
+name: one
+clock: {rate: max}
+robots: {evbot: {plugins: {sim: {model: evbot3}}}}
+"""
+
+
+def test_lines_of_octave_are_answered_in_order_and_wrong_ones_with_words(tmp_path: Path) -> None:
+    (tmp_path / "fleet.yaml").write_text(FLEET)
+    calls = [
+        ["evbot", "Base", "send_cmd", ["f0.3"]],
+        ["evbot", "TruePose", "get_value", []],
+        ["evbot", "Base", "send_cmd", ["jump"]],
+        ["evbot", "Base", "connect", []],
+        ["evbot", "Wings", "get_value", []],
+        ["evbot", "Base", "get_status", []],
+    ]
+    done = subprocess.run(
+        [sys.executable, ROOTFS / "octave-robot/usr/lib/evbotos/octave_robot.py", tmp_path / "fleet.yaml"],
+        input="".join(json.dumps(call) + "\n" for call in calls),
+        env={**os.environ, "PYTHONPATH": str(ROOTFS / "services/robot/usr/lib/evbotos")},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    told = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [list(line) for line in told] == [["value"], ["value"], ["error"], ["error"], ["error"], ["value"]], told
+    assert len(told[1]["value"]) == 3
+    assert "jump" in told[2]["error"]
+    assert told[3]["error"].startswith("there is no method 'connect': get_status, get_value")
+    assert "Wings" in told[4]["error"]
+
+
+@pytest.mark.evbotos
+@pytest.mark.timeout(3600)
+def test_octave_drives_the_robot_of_its_machine(tmp_path: Path) -> None:
+    found = load_definitions()
+    platform, image = found.chosen("qemu-amd64", "octave-robot")
+    missing = [name for name in (*needed_for(platform), "qemu-system-x86_64", "ssh") if find_tool(name) is None]
+    if missing:
+        pytest.skip(f"not installed: {', '.join(missing)} (make evbotos-setup)")
+    fleet, local = give_keys(tmp_path)
+    open_to_key = Local(
+        version=1, ssh_keys=local.ssh_keys
+    )  # without a fleet, so that programs on the machine may drive
+    with compressed_quickly():
+        build = Build(platform, image, open_to_key, found.lock_path(platform, image), _LOG.info)
+        built = build.run(tmp_path / "out")
+    _LOG.warning(f"root and kernel: {built.report['root_with_kernel_mb']} MB, compressed quickly")
+    proof = Proof(platform, image, built, fleet, tmp_path / "robot", tmp_path / "ssh", tmp_path / "update.pem")
+    disk = Path(shutil.copyfile(built.folder / "disk.img", tmp_path / "disk.img"))
+    assert platform.emulator is not None
+    with started(proof, disk, memory_mb=memory_for(platform.emulator, image)) as machine:
+        wait_for_words(machine, SERVES)
+        for command in image.check:
+            answer(proof, machine, command)
+        told = ssh(proof, machine, "cat >/run/drive.m && octave-cli --norc /run/drive.m", DRIVE.encode())
+        _LOG.warning(f"{told.stdout}{told.stderr}")
+        assert "0.30 m" in told.stdout
+        assert "eal_call: evbot/Base: " in told.stdout
