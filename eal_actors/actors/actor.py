@@ -105,6 +105,9 @@ class EALActor(pykka.ThreadingActor):
             envelope = inbox.get()
             reply_to = envelope.reply_to
             try:
+                if type(envelope) is Action:
+                    envelope.run()
+                    continue
                 is_foreign = type(envelope) is PykkaEnvelope  # ours are their own messages
                 response = self._handle_receive(envelope.message if is_foreign else envelope)
                 if reply_to is not None:
@@ -121,10 +124,6 @@ class EALActor(pykka.ThreadingActor):
 
     @override
     def _handle_receive(self, message: Any) -> Any:
-        if type(message) is Action:
-            action = message.action
-            message.action = None
-            return action() if action is not None else None
         if isinstance(message, _ActorStop):
             return super()._handle_receive(message)
         return self.on_receive(message)  # Pykka would check first whether a proxy sent it, and there are none
@@ -141,7 +140,7 @@ class EALActor(pykka.ThreadingActor):
         try:
             if not inbox.borrow(message):
                 return False
-            self._handle_here(message)
+            self._run_here(self._handle_receive, message)
         finally:
             inbox.give_back(message)
         return True
@@ -162,7 +161,7 @@ class EALActor(pykka.ThreadingActor):
             with self._visitor_lock:
                 self._visitor = threading.current_thread()
             try:
-                self._handle_here(timer)
+                self._run_here(timer.run)
             finally:
                 with self._visitor_lock:  # from here on, `abandon` does not raise in this thread
                     self._visitor = None
@@ -170,9 +169,9 @@ class EALActor(pykka.ThreadingActor):
             if not self._is_abandoned:
                 raise
 
-    def _handle_here(self, message: Any) -> None:
+    def _run_here(self, handle: Callable[..., object], *arguments: object) -> None:
         try:
-            self._context.run(self._handle_receive, message)
+            self._context.run(handle, *arguments)
         except (KeyboardInterrupt, AbandonedThread):  # they are meant for the caller
             raise
         except BaseException as error:  # noqa: BLE001  # a plugin may raise anything, which crashes its actor alone

@@ -44,6 +44,12 @@ class Action(Timer):
         """The message of this envelope: the action itself."""
         return self
 
+    def run(self) -> None:
+        """Run it, unless it was cancelled. Thread: the actor's own, or one in its place."""
+        action, self.action = self.action, None
+        if action is not None:
+            action()
+
 
 class Inbox:
     """A mailbox for one reading thread and any number of writing ones; see the module.
