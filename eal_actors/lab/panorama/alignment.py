@@ -35,9 +35,10 @@ _FEWEST: Final = 200  # points of a link
 _TURN_SIGMA_RAD: Final = math.radians(3)
 _LEVEL_SIGMA_RAD: Final = math.radians(0.05)
 _PLACE_SIGMA: Final = 0.3  # camera heights
-_MOST_STEPS: Final = 10
+_MOST_STEPS: Final = 40  # features may leave 4 degrees, which take many steps
 _MUCH_WORSE: Final = 1.25  # loss in that of the start: obstacles that are taken for floor make it vary
-_ENOUGH_RAD: Final = 3e-5
+_ENOUGH: Final = 0.025  # of the blur, for the last step
+_MEAN_SIGMA_RAD: Final = 3e-5
 _CHANGE: Final = 1e-4
 
 
@@ -71,7 +72,7 @@ def align_pixels(
         for _ in range(_MOST_STEPS):
             step, _ = _step(blurred, camera, found, start, levels)
             found = found - step
-            if np.abs(step).max() < _ENOUGH_RAD:
+            if np.abs(step).max() < _ENOUGH * blur_rad:
                 break
     reached, before = (_step(blurred, camera, each, start, levels)[1] for each in (found, start))
     if reached > _MUCH_WORSE * before:
@@ -145,8 +146,8 @@ def _priors(found: Floats, start: Floats) -> tuple[Floats, Floats]:
     likely[1:-2:3] = likely[2:-2:3] = 0.0
     curvature, off = np.diag(sigmas**-2), (found - likely) * sigmas**-2
     yaws = np.arange(0, 3 * count, 3)
-    curvature[np.ix_(yaws, yaws)] += _ENOUGH_RAD**-2  # their mean stays: nothing tells it
-    off[yaws] += (found - start)[yaws].sum() * _ENOUGH_RAD**-2
+    curvature[np.ix_(yaws, yaws)] += _MEAN_SIGMA_RAD**-2  # their mean stays: nothing tells it
+    off[yaws] += (found - start)[yaws].sum() * _MEAN_SIGMA_RAD**-2
     return curvature, off
 
 
