@@ -228,9 +228,9 @@ def test_a_lens_that_distorts_is_corrected(k1: float) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("ahead_m", "left_m", "seed"), [(0.08, 0.0, 1), (0.08, 0.0, 5), (0.0, 0.08, 4)])
+@pytest.mark.parametrize(("ahead_m", "left_m", "seed"), [(0.08, 0.0, 3), (0.08, 0.0, 5), (0.0, 0.08, 3)])
 def test_a_camera_beside_the_axis_is_corrected(ahead_m: float, left_m: float, seed: int) -> None:
-    """Features alone take the frames of seed 5 for those of another lens."""
+    """Features alone take the frames of seed 5 for those of another lens, and turn those of seed 3 by 4 degrees."""
     true_rad = noisy(MEANT, seed)
     panorama = stitch(shots_beside(true_rad, ahead_m, left_m, 640), MEANT, VIEW_RAD)
     assert (panorama.parallax.ahead, panorama.parallax.left) == pytest.approx(
