@@ -144,8 +144,9 @@ fuzz: $(STAMP)  ## fuzz each decoder and loader for a minute
 fuzz-motions: $(STAMP)  ## 10,000 motions of each driver over wires that damage bytes, judged by the true path; resumes after an interruption
 	$(BIN)/python -m tests.fuzz.series
 
+# By PYTHONPATH, our package `tests` comes before that of a dependency.
 figures: $(STAMP)  ## make the pictures of the documentation
-	$(BIN)/python docs/figures.py
+	PYTHONPATH=. $(BIN)/python docs/figures.py
 
 format: $(STAMP)  ## format the code and mend what the linter can
 	$(BIN)/ruff format .
