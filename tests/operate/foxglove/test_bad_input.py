@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import socket
 import struct
@@ -114,7 +115,8 @@ def test_wrong_frames_end_at_most_their_own_viewer(view: tuple[Fleet, LiveView])
                 viewer.send_raw(wrong)
             sees(other)
         with socket.create_connection(("127.0.0.1", int(live.url.rpartition(":")[2]))) as stranger:
-            stranger.sendall(b"\x00" * 1_000_000)
+            with contextlib.suppress(ConnectionError):  # the server may hang up before all of it is sent
+                stranger.sendall(b"\x00" * 1_000_000)
             sees(other)
     assert fleet["r1"]["Base"].get_status().get() == 0
 
