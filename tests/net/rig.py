@@ -328,3 +328,18 @@ def outlast_ttl(robot: RobotHandle) -> None:
     """
     error = robot["Gauge"].get_value(timeout_s=LONGER_THAN_TTL_S).exception(timeout=WAIT_S)
     assert isinstance(error, DeadlineError | UnavailableError), repr(error)
+
+
+def hold_calls(fleet: Fleet) -> threading.Event:
+    """Hold outgoing calls back until the event is set."""
+    gate = threading.Event()
+    robot: Any = next(iter(fleet.values()))
+    sender = robot._actor._controller.sender
+    sender.window.calls.add("held")  # as if a call were under way, so that no caller sends its own
+
+    def wait() -> None:
+        gate.wait(WAIT_S)
+        sender.window.answered("held")
+
+    sender.actor_inbox.call_soon(wait)
+    return gate

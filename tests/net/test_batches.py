@@ -26,7 +26,7 @@ from eal_actors.wire.rpc.server.host import RobotHost
 from eal_actors.wire.session import open_session, robot_config
 from tests.net.host import crowd
 from tests.net.links import eventually
-from tests.net.rig import WAIT_S, Rig, ready
+from tests.net.rig import WAIT_S, Rig, hold_calls, ready
 from tests.robots import running_robot
 
 ROBOTS = 6
@@ -100,20 +100,6 @@ class Crowd:
             stack.callback(self.host.serve(robot).close)
         self.fleet = stack.enter_context(ready(Fleet(config)))
 
-    def hold(self) -> threading.Event:
-        """Hold outgoing calls back until the event is set."""
-        gate = threading.Event()
-        robot: Any = next(iter(self.fleet.values()))
-        sender = robot._actor._controller.sender
-        sender.window.calls.add("held")  # as if a call were under way, so that no caller sends its own
-
-        def wait() -> None:
-            gate.wait(WAIT_S)
-            sender.window.answered("held")
-
-        sender.actor_inbox.call_soon(wait)
-        return gate
-
 
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Crowd]:
@@ -122,7 +108,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Crowd]:
 
 
 def test_calls_that_wait_together_take_one_message(here: Crowd) -> None:
-    gate = here.hold()
+    gate = hold_calls(here.fleet)
     calls = {
         (name, str(number)): robot["Counter"].send_cmd(f"step{number}")
         for number in range(20)
@@ -153,7 +139,7 @@ def test_a_crowd_of_callers_shares_messages(here: Crowd) -> None:
 
 
 def test_more_calls_than_a_batch_holds_all_arrive(here: Crowd) -> None:
-    gate = here.hold()
+    gate = hold_calls(here.fleet)
     calls = [here.fleet["r1"]["Counter"].get_value() for _ in range(200)]
     calls += [here.fleet["r2"]["Counter"].get_value() for _ in range(MAX_ROWS - 100)]
     gate.set()
@@ -163,7 +149,7 @@ def test_more_calls_than_a_batch_holds_all_arrive(here: Crowd) -> None:
 
 
 def test_a_stop_overtakes_a_batch(here: Crowd) -> None:
-    gate = here.hold()
+    gate = hold_calls(here.fleet)
     steps = [robot["Counter"].send_cmd("step1") for robot in here.fleet.values()]
     here.fleet.stop("enough").get(timeout=WAIT_S)
     gate.set()
@@ -189,7 +175,7 @@ def test_calls_of_several_processes_arrive_where_they_belong(tmp_path: Path) -> 
 def test_a_robot_that_takes_no_batches_gets_none(here: Crowd) -> None:
     robot: Any = here.fleet["r1"]
     robot._actor._channel.process = ""  # as after the handshake of an older release
-    gate = here.hold()
+    gate = hold_calls(here.fleet)
     calls = [here.fleet["r1"]["Counter"].get_value() for _ in range(5)]
     gate.set()
     gather(calls).get(timeout=WAIT_S)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import signal
-import threading
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from eal_actors.kernel.errors import ConfigError, UnsupportedError
 from eal_actors.wire.session import open_session, router_config
 from eal_actors.wire.transport import Transport
 from tests.net.links import free_port
-from tests.net.rig import WAIT_S, Rig, becomes, process, ready
+from tests.net.rig import WAIT_S, Rig, becomes, hold_calls, process, ready
 
 
 def rig_of(folder: Path) -> Rig:
@@ -76,34 +75,19 @@ def test_a_call_of_many_robots_costs_one_message_for_each_process(
         fleet = stack.enter_context(ready(Fleet(rig.config)))
         for step in range(3):
             sent.clear()
-            gate = hold(fleet)
+            gate = hold_calls(fleet)
             poses = fleet.read(fleet, "Arm")
             gate.set()
             assert list(poses.get(timeout=WAIT_S)) == names
             assert len(sent) == len(groups)
             sent.clear()
-            gate = hold(fleet)
+            gate = hold_calls(fleet)
             steps = fleet.send(fleet, "Arm", f"step{step}")
             gate.set()
             assert steps.get(timeout=WAIT_S) == dict.fromkeys(names, step)
             assert len(sent) == len(groups)
         assert all(fleet[name]["Arm"].send_cmd("step9").get(timeout=WAIT_S) == 9 for name in names)
     assert all([note.what for note in rig.notes("step", robot=name)] == ["0", "1", "2", "9"] for name in names)
-
-
-def hold(fleet: Fleet) -> threading.Event:
-    """Hold outgoing calls back until the event is set."""
-    gate = threading.Event()
-    robot: Any = next(iter(fleet.values()))
-    sender = robot._actor._controller.sender
-    sender.window.calls.add("held")  # as if a call were under way, so that no caller sends its own
-
-    def wait() -> None:
-        gate.wait(WAIT_S)
-        sender.window.answered("held")
-
-    sender.actor_inbox.call_soon(wait)
-    return gate
 
 
 def test_what_robots_of_one_process_cannot_do_is_refused(tmp_path: Path) -> None:

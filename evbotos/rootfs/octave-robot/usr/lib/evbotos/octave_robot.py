@@ -10,20 +10,10 @@ from typing import Any, Final
 from robot_user import find_fleet  # type: ignore[import-not-found]  # beside this file in the image
 
 from eal_actors import Fleet
+from eal_actors.device.info import METHODS
 from eal_actors.kernel.errors import EALError
 
-_METHODS: Final = (
-    "get_status",
-    "get_value",
-    "set_value",
-    "send_req",
-    "send_cmd",
-    "read_comm",
-    "write_comm",
-    "get_config",
-    "set_config",
-    "halt",
-)
+_METHODS: Final = (*METHODS, "halt")
 
 
 def answer(fleet: Fleet, line: str) -> dict[str, Any]:
