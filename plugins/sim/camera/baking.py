@@ -16,7 +16,7 @@ from .eye import Floats
 from .light import RoomLight
 from .patterns import Colours, PatternCanvas, albedo
 from .solids import Face, Plane, Point
-from .texture import Image, Mipmap, samples
+from .texture import Image, Mipmap, row_blocks, samples
 
 FLOOR_PER_M, WALL_PER_M, CEILING_PER_M, SOLID_PER_M, POSTER_PER_M = 250.0, 180.0, 90.0, 220.0, 420.0
 _LIGHT_PER_M: Final = 6.0  # samples of the light per metre
@@ -157,13 +157,17 @@ def lit(colours: Colours, gain: Floats, dark: Floats | float = 1.0) -> Image:
         np.linspace(0, count - 1, size, dtype=np.float32)
         for count, size in zip(gain.shape, (rows, columns), strict=True)
     )
-    maps = (
-        np.broadcast_to(steps_x, (rows, columns)).copy(),
-        np.broadcast_to(steps_y[:, np.newaxis], (rows, columns)).copy(),
-    )
-    factor = cv2.remap(gain.astype(np.float32), *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) * dark
+    gain = gain.astype(np.float32)
+    dark = np.broadcast_to(np.asarray(dark, np.float32), (rows, columns))
     image = np.full((rows, columns, 4), 255, np.uint8)
-    image[..., :3] = np.clip(colours * factor[..., np.newaxis] + 0.5, 0, 255)
+    for block in row_blocks(rows):
+        shape = block.stop - block.start, columns
+        maps = (
+            np.broadcast_to(steps_x, shape).copy(),
+            np.broadcast_to(steps_y[block, np.newaxis], shape).copy(),
+        )
+        factor = cv2.remap(gain, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) * dark[block]
+        image[block, :, :3] = np.clip(colours[block] * factor[..., np.newaxis] + 0.5, 0, 255)
     return image
 
 

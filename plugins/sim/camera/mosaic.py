@@ -8,6 +8,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from .texture import row_blocks
+
 _Image = NDArray[np.float32]
 
 _KINDS: Final = 5
@@ -38,12 +40,15 @@ def mosaic(
     x, y = along - column, up - row
     soft = tile_m / size_m[0] * (columns - 1)  # samples in a tile
     inside = np.clip(_depths() * np.float32(soft) + np.float32(0.5), 0, 1)
-    at = np.ix_(row, column)
-    share = inside[motif[at], _fine(y)[:, np.newaxis], _fine(x)[np.newaxis]][..., np.newaxis]
-    joint = _joint(y, soft)[:, np.newaxis] * _joint(x, soft)[np.newaxis]
+    joint_x, joint_y = _joint(x, soft), _joint(y, soft)
     first, second = palette[ground] * tone, palette[other] * tone
-    colours = first[at] + (second - first)[at] * share
-    return np.asarray(np.clip(colours * joint[..., np.newaxis], 0, 255), dtype=np.float32)
+    colours = np.empty((rows, columns, 3), np.float32)
+    for block in row_blocks(rows):
+        at = np.ix_(row[block], column)
+        share = inside[motif[at], _fine(y[block])[:, np.newaxis], _fine(x)[np.newaxis]][..., np.newaxis]
+        joint = joint_y[block, np.newaxis] * joint_x[np.newaxis]
+        colours[block] = np.clip((first[at] + (second - first)[at] * share) * joint[..., np.newaxis], 0, 255)
+    return colours
 
 
 def _tiles(places: _Image) -> NDArray[np.intp]:

@@ -16,6 +16,7 @@ from eal_actors.device.world import SurfaceTexture, WorldModel
 
 from .mosaic import mosaic
 from .poster import poster
+from .texture import row_blocks
 
 Colours: TypeAlias = NDArray[np.float32]
 """Rows from the top, shape (height, width, 3), 0..255."""
@@ -119,13 +120,16 @@ def _planks(canvas: PatternCanvas, palette: Colours, tile_m: float) -> Colours:
     row = _rows(canvas, tile_m)
     shift_m = canvas.generator.random(row.max() + 1, dtype=np.float32)[row] * np.float32(tile_m * 8)
     length_m = canvas.fitted(tile_m * 8)
-    along_m = canvas.along_m + shift_m
-    plank = canvas.numbers(along_m, length_m)
-    grain = canvas.clouds((tile_m * 2.5, tile_m / 14)) + 0.7 * canvas.clouds((tile_m, tile_m / 40))
-    mix = np.clip(0.45 + 0.3 * (canvas.tones(row, plank, 1.0) - 1) + 0.16 * grain, 0, 1)[..., np.newaxis]
-    colours = palette[0] * (1 - mix) + palette[-1] * mix
-    gaps = np.maximum(_joint(along_m, length_m, canvas, 0), _joint(canvas.up_m, tile_m, canvas, 1))
-    return np.asarray(colours * (1 - 0.6 * gaps)[..., np.newaxis])
+    grain = canvas.clouds((tile_m * 2.5, tile_m / 14))
+    grain += 0.7 * canvas.clouds((tile_m, tile_m / 40))
+    tones = canvas.tones(row, canvas.numbers(canvas.along_m + shift_m, length_m), 1.0)
+    across = _joint(canvas.up_m, tile_m, canvas, 1)
+    colours = np.empty((canvas.rows, canvas.columns, 3), np.float32)
+    for block in row_blocks(canvas.rows):
+        mix = np.clip(0.45 + 0.3 * (tones[block] - 1) + 0.16 * grain[block], 0, 1)[..., np.newaxis]
+        gaps = np.maximum(_joint(canvas.along_m + shift_m[block], length_m, canvas, 0), across[block])
+        colours[block] = (palette[0] * (1 - mix) + palette[-1] * mix) * (1 - 0.6 * gaps)[..., np.newaxis]
+    return colours
 
 
 def _bricks(canvas: PatternCanvas, palette: Colours, tile_m: float) -> Colours:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any, Final, TypeAlias
 
 import cv2
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 Image: TypeAlias = NDArray[np.uint8]
 """Rows from the top, shape (height, width, 4): red, green, blue and an unused channel, with which OpenCV is faster."""
 
+_BLOCK: Final = 128  # rows
 _STEP: Final = 32  # allows at least five halvings, each with a sample on both edges
 PAD: Final = 4
 """Border of a version of a mipmap: copies of its outermost samples on each side."""
@@ -23,6 +25,12 @@ _HALVING: Final = np.array([0.25, 0.5, 0.25], dtype=np.float32)
 def samples(size_m: float, per_m: float) -> int:
     """Return the number of samples along a length; the first and the last lie on the edges."""
     return max(1, math.ceil(size_m * per_m / _STEP - 1e-9)) * _STEP + 1
+
+
+def row_blocks(rows: int) -> Iterator[slice]:
+    """Yield slices of an image's rows. A robot with 256 MB of RAM has no room for several arrays of a whole floor."""
+    for start in range(0, rows, _BLOCK):
+        yield slice(start, min(start + _BLOCK, rows))
 
 
 class Mipmap:
