@@ -68,9 +68,11 @@ def plan(machine: str, mirrors: Path, work: Path) -> bool:
     env |= {"KAS_PREMIRRORS": "\n".join(mirrored), "GITCONFIG_FILE": str(settings), "KAS_CLONE_DEPTH": "1"}
     project = work / "project"
     if not project.is_dir():
-        shutil.copytree(REPOSITORY / "evbotos", project / "evbotos", ignore=shutil.ignore_patterns("__pycache__"))
-        subprocess.run(["git", "init", "-q", project], check=True)  # kas looks for includes from a checkout's root
-        shutil.copytree(REPOSITORY / "plugins", project / "plugins", ignore=shutil.ignore_patterns("__pycache__"))
+        for name in ("evbotos", "plugins"):
+            shutil.copytree(REPOSITORY / name, project / name, ignore=shutil.ignore_patterns("__pycache__"))
+        # kas looks for includes from a checkout's root, and BitBake hashes what the checkout's index names.
+        subprocess.run(["git", "init", "-q", project], check=True)
+        subprocess.run(["git", "-C", project, "add", "--all"], check=True)
     argv = [str(Path(sys.executable).with_name("kas")), "shell", f"evbotos/openembedded/kas/{machine}.yml", "-c"]
     images = " ".join(f"evbotos-image-{image}" for image in IMAGES)
     argv.append(f"BB_ENV_PASSTHROUGH_ADDITIONS=BB_NO_NETWORK BB_NO_NETWORK=1 bitbake -n {images}")
