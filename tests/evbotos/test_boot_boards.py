@@ -27,10 +27,18 @@ from tests.evbotos.proof import (
 )
 from tests.evbotos.proofs import RESETS_NOT, prove_square, prove_stick, prove_updates, wait_for_good
 from tests.evbotos.refusals import prove_refusal
+from tests.evbotos.test_buses import AS_USER, does
 
 BOARDS = ("beagle-armhf", "pc104-i686", "qemu-arm64", "raspberry-pi")
 SEED = 7
 CUTS = 12
+SET_CHANNEL = """
+import pathlib
+channel = pathlib.Path("/sys/class/pwm/pwmchip0/pwm0")
+for name, value in (("period", 20_000_000), ("duty_cycle", 1_500_000), ("enable", 1)):
+    channel.joinpath(name).write_text(str(value))
+print(*(channel.joinpath(name).read_text().strip() for name in ("period", "duty_cycle", "enable")))
+"""
 _LOG = get_logger()
 
 pytestmark = [pytest.mark.evbotos, pytest.mark.slow, pytest.mark.timeout(3600)]
@@ -84,6 +92,15 @@ def test_a_module_of_the_sdk_is_loaded_on_the_board(proof: Proof, machine: Machi
     answer(proof, machine, f"cat > /run/{module.name}", module.read_bytes())
     program = "import platform, odometer; print(platform.machine(), odometer.distance(3, 4))"
     assert answer(proof, machine, f"cd /run && python3 -c '{program}'") == "armv7l 5.0\n"
+
+
+def test_the_robots_user_sets_a_pwm_channel(proof: Proof, machine: Machine) -> None:
+    if proof.platform.name != "raspberry-pi":
+        pytest.skip("QEMU has no PWM of this board")
+    wait_for_words(machine, SERVES)
+    answer(proof, machine, "cat >/run/as_user.py", AS_USER.encode())
+    assert does((proof, machine), SET_CHANNEL) == "20000000 1500000 1"
+    assert "Permission denied" in does((proof, machine), SET_CHANNEL, "mdns")
 
 
 def test_a_stick_with_a_fleet_file_makes_another_robot_of_the_board(

@@ -15,10 +15,10 @@ require evbotos-services.inc
 
 inherit useradd
 USERADD_PACKAGES = "${PN}-network ${PN}-robot"
-GROUPADD_PARAM:${PN}-robot = "--system gpio; --system i2c; --system spi"
+GROUPADD_PARAM:${PN}-robot = "--system gpio; --system i2c; --system pwm; --system spi"
 USERADD_PARAM:${PN}-network = "--system --no-create-home --home-dir / --shell /bin/false --user-group mdns"
 USERADD_PARAM:${PN}-robot = "\
-    --system --no-create-home --home-dir / --shell /bin/false --user-group --groups dialout,video,gpio,i2c,spi robot \
+    --system --no-create-home --home-dir / --shell /bin/false --user-group --groups dialout,video,gpio,i2c,pwm,spi robot \
 "
 
 PACKAGE_ARCH = "${MACHINE_ARCH}"
