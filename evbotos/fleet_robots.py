@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from eal_actors import Fleet, ResourceHandle
-from eal_actors.kernel.errors import EALError, ResourceNotFoundError, UnavailableError
+from eal_actors.kernel.errors import EALError, ResourceNotFoundError, StaleCommandError, UnavailableError
 from eal_actors.kernel.yaml_source import load_yaml
 from evbotos.delta import messages, missing_pieces
 from evbotos.errors import BuildError, UpdateError
@@ -93,7 +93,7 @@ class FleetRobots:
         return next((answer.holders[resource] for resource in sorted(others)), None)
 
     def push(self, robot: str, update: Update) -> None:
-        """Write an update into a robot's other slot; a short loss of the network only delays it.
+        """Write an update into a robot's other slot; a short loss of the network, or a slow one, only delays it.
 
         Raises:
             EALError: the robot refuses it, or went away.
@@ -101,7 +101,7 @@ class FleetRobots:
         for tries_left in reversed(range(_TRIES)):
             try:
                 self._push(robot, update)
-            except UnavailableError:
+            except (UnavailableError, StaleCommandError):
                 if not tries_left or self.standing(robot) is None:
                     raise
             else:
@@ -119,7 +119,7 @@ class FleetRobots:
             pieces = missing_pieces(new, present, running)
             done += len(new) - sum(piece.length for piece in pieces)
             for message, written in messages(part, new, pieces, _MESSAGE_BYTES):
-                handle.write_comm(message, timeout_s=_LONG_S).get()
+                _write(handle, message)
                 done, sent = done + written, sent + len(message)
                 self.tell(robot, f"receives {update.release}: {done / total:.0%}")
         handle.send_cmd("finish", timeout_s=_LONG_S).get()
@@ -166,3 +166,15 @@ class FleetRobots:
 
     def _update_of(self, robot: str) -> ResourceHandle:
         return self.fleet[robot][RESOURCE]
+
+
+def _write(handle: ResourceHandle, message: bytes) -> None:
+    """Send a part of an update; one that a slow robot received too late was not executed, and is sent again."""
+    for tries_left in reversed(range(_TRIES)):
+        try:
+            handle.write_comm(message, timeout_s=_LONG_S).get()
+        except StaleCommandError:
+            if not tries_left:
+                raise
+        else:
+            return
