@@ -17,7 +17,7 @@ EVBOTOS_TOOLS := apt bc binutils bison cryptsetup-bin device-tree-compiler dosfs
 	grub-common libelf-dev libssl-dev make mtools openssh-client ovmf qemu-system-arm qemu-system-x86 squashfs-tools \
 	tar u-boot-tools xz-utils zstd
 
-.PHONY: lock locked sbom demo demo-aarch64 test-aarch64 container demo-network demo-standards lab test test-slow check docs bench bench-peers bench-scale bench-go bench-panorama bench-proof bench-lookahead soak fuzz fuzz-motions figures format evbotos-setup test-evbotos test-fleet-update test-bitbake clean help
+.PHONY: lock locked sbom demo demo-aarch64 test-aarch64 container demo-network demo-standards lab test test-slow check docs bench bench-peers bench-scale bench-go bench-panorama bench-jitter bench-proof bench-lookahead soak fuzz fuzz-motions figures format evbotos-setup test-evbotos test-fleet-update test-bitbake clean help
 
 help:  ## show this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -127,6 +127,9 @@ bench-go: $(STAMP)  ## measure robots that go where they are sent, 20 seeds each
 
 bench-panorama: $(STAMP)  ## measure panoramas of frames with faults; writes docs/panorama.md
 	$(BIN)/python -m tests.benchmarks.panorama --page docs/panorama.md
+
+bench-jitter: $(STAMP)  ## measure a loop of 50 Hz in a built robot image by the kernel's preemption; writes docs/evbotos.md
+	$(BIN)/python -m tests.benchmarks.jitter build/evbotos/qemu-amd64-robot --page docs/evbotos.md
 
 bench-lookahead: $(STAMP)  ## measure the look-ahead with ten robots; writes docs/proving.md
 	$(BIN)/python -m tests.benchmarks.lookahead --page docs/proving.md

@@ -48,13 +48,7 @@ class Guest:
 
     def __init__(self, folder: Path, *modules: str) -> None:
         self._folder = folder
-        kernel = folder / "kernel"
-        wanted = PackagedKernel(package=KERNEL, modules=(*_FILE_SYSTEM, *modules))
-        unpack_kernel(_download(folder, _depended(KERNEL)), wanted, kernel)
-        tree = folder / "busybox"
-        run([tool("dpkg-deb"), "-x", _download(folder, "busybox-static"), tree])
-        self._kernel, self._initrd = kernel / wanted.file, folder / "initrd"
-        write_initrd(kernel, tree, self._initrd, 0, INIT)
+        self._kernel, self._initrd = debian_kernel(folder, KERNEL, (*_FILE_SYSTEM, *modules), INIT)
 
     def run(self, command: Sequence[str | Path], cwd: Path, timeout_s: float) -> Outcome:
         """Run a command as root. Thread: blocks the caller.
@@ -88,6 +82,23 @@ class Guest:
         )
         said = re.search(r"^guest: exit code (\d+)", ended.stdout, re.MULTILINE)
         return Outcome(None if said is None else int(said[1]), ended.stdout + ended.stderr)
+
+
+def debian_kernel(folder: Path, package: str, modules: Sequence[str], init: Path) -> tuple[Path, Path]:
+    """Return a kernel of Debian and an initial RAM disk that starts with a script.
+
+    Args:
+        folder: for its files.
+        package: a metapackage, such as `linux-image-amd64`.
+        modules: what the script may load, with what these depend on.
+        init: the script.
+    """
+    kernel, tree, initrd = folder / "kernel", folder / "busybox", folder / "initrd"
+    wanted = PackagedKernel(package=package, modules=tuple(modules))
+    unpack_kernel(_download(folder, _depended(package)), wanted, kernel)
+    run([tool("dpkg-deb"), "-x", _download(folder, "busybox-static"), tree])
+    write_initrd(kernel, tree, initrd, 0, init)
+    return kernel / wanted.file, initrd
 
 
 def _depended(package: str) -> str:
