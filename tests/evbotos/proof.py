@@ -105,13 +105,18 @@ def give_keys(folder: Path, text: str = FLEET) -> tuple[Path, Local]:
     (robot / "keys").mkdir(parents=True)
     for name in ("fleet.yaml", "keys/ca.pem", f"keys/{ROBOT}.pem", f"keys/{ROBOT}.key"):
         shutil.copy(folder / name, robot / name)
+    return fleet, give_access(folder).model_copy(update={"robot": str(robot)})
+
+
+def give_access(folder: Path) -> Local:
+    """Make a key that may log in, `ssh`, and one that signs updates, `update.pem`; return settings that permit both."""
     run("ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", folder / "ssh")
     key = Ed25519PrivateKey.generate()
     (folder / "update.pem").write_bytes(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
     public = key.public_key().public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
     (folder / "update.pub.pem").write_bytes(public)
     ssh_key = (folder / "ssh.pub").read_text().strip()
-    return fleet, Local(version=1, ssh_keys=(ssh_key,), robot=str(robot), update_key=str(folder / "update.pub.pem"))
+    return Local(version=1, ssh_keys=(ssh_key,), update_key=str(folder / "update.pub.pem"))
 
 
 @contextmanager
