@@ -21,7 +21,7 @@ from eal_actors.lab.rehearsal import ClosestApproach, Incident, Rehearsal, rehea
 from eal_actors.lab.rehearsal.proximity import TOUCH_M
 from eal_actors.managers.twins import SimulatedFleet, simulated
 from eal_actors.scenario import Scenario, StepRecord
-from eal_actors.scenario.language.binding import find_candidates
+from eal_actors.scenario.language.binding import bound_robots
 
 _SEEDS = 3
 
@@ -55,8 +55,8 @@ def rehearse_scenario(
     if seeds is not None and seed:
         raise typer.BadParameter("give either --seed or --seeds", param_hint="'--seeds' / '--seed'")
     request = read_request(RunOptions(scenario, fleet, settings or (), bindings or ()))
-    bound = find_candidates(request.scenario, request.config, request.binding)
-    twins = simulated(request.config, {name for names in bound.values() for name in names}, keep or ())
+    bound = bound_robots(request.scenario, request.config, request.binding)
+    twins = simulated(request.config, bound, keep or ())
     first = request.config.seed
     chosen = list(dict.fromkeys(seed)) if seed else list(range(first, first + (seeds or _SEEDS)))
     console = stderr() if as_json else stdout()

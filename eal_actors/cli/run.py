@@ -68,7 +68,7 @@ from eal_actors.recording import (
 )
 from eal_actors.recording.run_folder import TRAJECTORY
 from eal_actors.scenario import Listener, Plan, Report, Run, Scenario, make_plan
-from eal_actors.scenario.language.binding import find_candidates
+from eal_actors.scenario.language.binding import bound_robots
 
 if TYPE_CHECKING:
     from eal_actors.operate.foxglove import LiveView
@@ -171,19 +171,15 @@ def _show(finished: _FinishedRun, config: FleetConfig, console: Console, drawing
 
 def _print_dry_run(request: RunRequest, console: Console, *, as_json: bool) -> None:
     """Make the plan on the connected robots, and print it."""
-    require_modules(request.config, _bound_robots(request))
-    with Fleet(request.config).connect(_bound_robots(request)) as opened:
+    robots = bound_robots(request.scenario, request.config, request.binding)
+    require_modules(request.config, robots)
+    with Fleet(request.config).connect(robots) as opened:
         with plugin_advice(opened):
             plan = _plan(request, opened)
         if as_json:
             write_json(plan_as_json(plan, opened.name))
         else:
             print_plan(console, plan, opened.name)
-
-
-def _bound_robots(request: RunRequest) -> set[str]:
-    roles = find_candidates(request.scenario, request.config, request.binding)
-    return {name for names in roles.values() for name in names}
 
 
 def _execute(
@@ -198,9 +194,10 @@ def _execute(
     ahead: Ahead | None,
 ) -> _FinishedRun:
     """Connect the robots of the scenario, show and record the run, and disconnect them."""
-    require_modules(request.config, _bound_robots(request))
+    robots = bound_robots(request.scenario, request.config, request.binding)
+    require_modules(request.config, robots)
     with (
-        Fleet(request.config).connect(_bound_robots(request)) as opened,
+        Fleet(request.config).connect(robots) as opened,
         metrics_at(metrics_port, opened, opened.clock, console),
         view(opened) as live,
     ):

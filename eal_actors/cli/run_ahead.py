@@ -12,7 +12,7 @@ from eal_actors.cli.run_options import RunRequest
 from eal_actors.facade.fleet import Fleet
 from eal_actors.managers.twins import simulated
 from eal_actors.scenario import Plan
-from eal_actors.scenario.language.binding import find_candidates
+from eal_actors.scenario.language.binding import bound_robots
 
 if TYPE_CHECKING:
     from eal_actors.lab.lookahead import Lookahead, LookaheadOptions, Script
@@ -51,7 +51,6 @@ def rehearse_ahead(request: RunRequest, horizon_s: float | None, *, holds: bool)
         )
     from eal_actors.lab.lookahead import LookaheadOptions, rehearse_scripts  # numpy, which few runs need
 
-    bound = find_candidates(request.scenario, request.config, request.binding)
-    twins = simulated(request.config, {name for names in bound.values() for name in names})
+    twins = simulated(request.config, bound_robots(request.scenario, request.config, request.binding))
     scripts = rehearse_scripts(request.scenario, twins, request.binding)
     return Ahead(scripts, LookaheadOptions(horizon_s=horizon_s, holds=holds))

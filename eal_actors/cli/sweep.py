@@ -35,7 +35,7 @@ from eal_actors.lab.sweeping.results import CRASHED, REFUSED
 from eal_actors.lab.sweeping.worker import SweepTask, SweepWorker
 from eal_actors.lab.worker_pool import run_all
 from eal_actors.managers.twins import simulated
-from eal_actors.scenario.language.binding import find_candidates
+from eal_actors.scenario.language.binding import bound_robots
 from eal_actors.scenario.language.parameters import missing_parameters
 
 _LIMIT = 1000
@@ -110,8 +110,7 @@ def _validate(sweep: Sweep, limit: int) -> None:
     given = {**scenario.parameters, **{variation.name: variation.values[0] for variation in sweep.variations}}
     if missing := missing_parameters(scenario.file, given, scenario.tree):
         raise ConfigError(missing)
-    bound = find_candidates(scenario, sweep.fleet)
-    simulated(sweep.fleet, {name for names in bound.values() for name in names}, sweep.keep)
+    simulated(sweep.fleet, bound_robots(scenario, sweep.fleet), sweep.keep)
 
 
 def _run_sweep(console: Console, folder: SweepFolder, sweep: Sweep, processes: int) -> list[SweepResult]:

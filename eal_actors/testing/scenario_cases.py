@@ -19,7 +19,7 @@ from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.twins import simulated
 from eal_actors.scenario import Report, Scenario, StepRecord, load_scenario, run_scenario
-from eal_actors.scenario.language.binding import find_candidates
+from eal_actors.scenario.language.binding import bound_robots
 from eal_actors.scenario.language.loading import find_fleet_beside, is_scenario_file
 from eal_actors.scenario.language.parameters import read_settings, with_parameters
 
@@ -106,7 +106,7 @@ class ScenarioCase(pytest.Item):
         given = [f"{name}={value}" for name, value in self.config.getoption("--eal-set")]
         own = [text for text in given if text.partition("=")[0] in self.scenario.file.parameters]
         scenario = with_parameters(self.scenario, read_settings(self.scenario.file, own))
-        robots = {name for names in find_candidates(scenario, config).values() for name in names}
+        robots = bound_robots(scenario, config)
         twins = simulated(config, robots, self.config.getoption("--eal-keep"))
         self._report_changes([*_sentences(twins.replaced, ""), *_sentences(twins.left_out, "left out: ")])
         with Fleet(twins.config).connect(robots) as opened:

@@ -38,7 +38,7 @@ from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.twins import simulated
 from eal_actors.recording.provenance import WORLD
 from eal_actors.scenario import Report, Scenario, make_plan
-from eal_actors.scenario.language.binding import Wishes, find_candidates
+from eal_actors.scenario.language.binding import Wishes
 
 MOST_SHRUNK: Final = 20
 """So many findings are shrunk; others have the same cause, as a rule."""
@@ -180,7 +180,7 @@ def prove(request: ProofRequest, on_case: OnCase = lambda _case, _count: None) -
     Thread: blocks the caller.
     """
     scenario = request.scenario
-    bound = {name for names in find_candidates(scenario, request.config, request.binding).values() for name in names}
+    bound = bound_robots(scenario, request.config, request.binding)
     twins = simulated(request.config, bound, request.keep)
     prepare_folder(request.out)
     whole = fleet_content(twins.config, _write_world(twins.config, request.out))

@@ -14,7 +14,7 @@ from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.twins import simulated
 from eal_actors.scenario import Scenario, load_scenario, run_scenario
-from eal_actors.scenario.language.binding import find_candidates
+from eal_actors.scenario.language.binding import bound_robots
 from eal_actors.scenario.language.parameters import with_parameters
 from eal_actors.scenario.language.scenario import scenario_hash
 
@@ -53,7 +53,7 @@ class SweepWorker:
         """
         self._loaded = loaded, fleet_config = self._loaded or self._load()
         scenario = with_parameters(loaded, task.parameters)
-        bound = {name for names in find_candidates(scenario, fleet_config).values() for name in names}
+        bound = bound_robots(scenario, fleet_config)
         config = replace(simulated(fleet_config, bound, self.keep).config, seed=task.seed)
         with Fleet(config).connect(bound) as fleet:
             for problem in fleet.problems:

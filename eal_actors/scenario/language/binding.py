@@ -59,6 +59,11 @@ def find_candidates(scenario: Scenario, fleet: FleetConfig, wishes: Wishes | Non
     return found
 
 
+def bound_robots(scenario: Scenario, fleet: FleetConfig, wishes: Wishes | None = None) -> set[str]:
+    """Return the robots that fit any role; raises as `find_candidates`."""
+    return {name for names in find_candidates(scenario, fleet, wishes).values() for name in names}
+
+
 def match_roles(
     scenario: Scenario, fleet: FleetConfig, wishes: Wishes | None = None
 ) -> tuple[dict[str, tuple[str, ...]], list[Problem]]:
