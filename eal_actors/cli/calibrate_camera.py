@@ -14,15 +14,15 @@ from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.fleets import find_resource, plugin_advice, read_fleet
 from eal_actors.cli.options import EalCommand, JsonOption, OptionalFleetOption
 from eal_actors.cli.output import counted, print_line, stderr, stdout, write_json
-from eal_actors.cli.tracker import SquareOption, SquaresOption, board_size, needs_opencv
+from eal_actors.cli.tracker import SquareOption, SquaresOption, board_size
 from eal_actors.cli.work import work_progress
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.bundled import short_path
 from eal_actors.kernel.errors import ArgumentError, UnavailableError, file_error
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.managers.missing_modules import needs_extra
 
 if TYPE_CHECKING:
-    from eal_actors.lab.markers.lens_file import FleetCamera
     from eal_actors.lab.markers.lens_fit import BoardFinder, BoardView, LensFit
 
 _SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
@@ -60,11 +60,9 @@ def calibrate_camera(
     file beside it and includes that. The exit code is 1, and nothing is written, if the error is over 1 pixel.
     """
     _check_sources(folder, robot, has_fleet=fleet is not None, needs_fleet=write or robot is not None)
-    try:
-        from eal_actors.lab.markers.lens_file import find_camera
-        from eal_actors.lab.markers.lens_fit import GOOD_ERROR_PX, BoardFinder
-    except ImportError as error:
-        raise needs_opencv(error) from error
+    with needs_extra("vision", "markers need"):
+        from eal_actors.lab.markers.lens_file import find_camera, write_lens
+        from eal_actors.lab.markers.lens_fit import GOOD_ERROR_PX, BoardFinder, fit_lens
     config = read_fleet(fleet) if fleet is not None else None
     goal = find_camera(config, camera) if config is not None and write else None  # fails before pictures are taken
     finder = BoardFinder(board_size(squares, square))
@@ -73,22 +71,17 @@ def calibrate_camera(
         found = _views_of_robot(config, (robot, resource), finder, count, timeout)
     else:
         found = _views_of_folder(folder or Path(), finder, console)
-    fit = _fitted(found, folder or fleet)
+    try:
+        fit = fit_lens(found)
+    except ArgumentError as error:
+        raise file_error(folder or fleet, error.message) from error
     is_good = fit.error_px <= GOOD_ERROR_PX
-    file = _write_fit(config, goal, fit) if config and goal and is_good else None
+    note = f"Found by `eal calibrate camera`: error {fit.error_px:.2f} px."
+    file = write_lens(config, goal, fit, note) if config and goal and is_good else None
     _print_fit(fit, len(found), file, as_json=as_json)
     _print_notes(console, fit, file)
     if not is_good:
         raise typer.Exit(ExitCode.FAILED)
-
-
-def _fitted(found: list[BoardView], source: Path | None) -> LensFit:
-    from eal_actors.lab.markers.lens_fit import fit_lens
-
-    try:
-        return fit_lens(found)
-    except ArgumentError as error:
-        raise file_error(source, error.message) from error
 
 
 def _check_sources(folder: Path | None, robot: str | None, *, has_fleet: bool, needs_fleet: bool) -> None:
@@ -97,12 +90,6 @@ def _check_sources(folder: Path | None, robot: str | None, *, has_fleet: bool, n
         raise typer.BadParameter("name either a folder of pictures, or --fleet and --robot", param_hint="'FOLDER'")
     if needs_fleet and not has_fleet:
         raise typer.BadParameter("is missing: name the fleet file", param_hint="'--fleet' / '-f'")
-
-
-def _write_fit(config: FleetConfig, goal: FleetCamera, fit: LensFit) -> Path:
-    from eal_actors.lab.markers.lens_file import write_lens
-
-    return write_lens(config, goal, fit, f"Found by `eal calibrate camera`: error {fit.error_px:.2f} px.")
 
 
 def _print_notes(console: Console, fit: LensFit, file: Path | None) -> None:

@@ -16,8 +16,9 @@ from eal_actors.device.world import WorldModel, load_world
 from eal_actors.facade.fleet import Fleet
 from eal_actors.facade.traffic.positions import radius_m_of
 from eal_actors.kernel.bundled import find_file
-from eal_actors.kernel.errors import PlaceNotFoundError, UnsupportedError, writing
+from eal_actors.kernel.errors import PlaceNotFoundError, writing
 from eal_actors.kernel.yaml_source import load_yaml
+from eal_actors.managers.missing_modules import needs_extra
 from eal_actors.recording import kept_world
 
 if TYPE_CHECKING:
@@ -93,13 +94,10 @@ def show_map(
 
 
 def _load(file: Path, resolution_m: float) -> _Source:
-    try:
+    with needs_extra("sim", "maps need"):
         from eal_actors.device.navigation.map_file import load_map
         from eal_actors.device.navigation.world_grid import grid_from_world
         from eal_actors.recording.run_map import map_of_run
-    except ImportError as error:
-        raise UnsupportedError("maps need numpy: pip install 'eal-actors[sim]'") from error
-
     if file.is_dir():
         with reading_run():
             return _Source(file.name, map_of_run(file, resolution_m), kept_world(file), False)

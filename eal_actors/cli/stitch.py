@@ -14,7 +14,8 @@ from eal_actors.cli.options import JsonOption
 from eal_actors.cli.output import counted, new_table, print_line, stderr, stdout, write_json
 from eal_actors.cli.work import work_progress
 from eal_actors.kernel.bundled import short_path
-from eal_actors.kernel.errors import ArgumentError, UnsupportedError, file_error
+from eal_actors.kernel.errors import ArgumentError, file_error
+from eal_actors.managers.missing_modules import needs_extra
 from eal_actors.scenario.report.journal import EVENTS
 
 if TYPE_CHECKING:
@@ -59,10 +60,8 @@ def stitch_frames(
     In the folder of a run, the frames of each robot are stitched.
     The exit code is 1 if a frame was left out.
     """
-    try:
+    with needs_extra("vision", "stitching needs"):
         from eal_actors.lab.panorama.folder import PANORAMA, PICTURES, describe, read_frames, save_panorama
-    except ImportError as error:
-        raise UnsupportedError(f"stitching needs OpenCV ({error}): pip install 'eal-actors[vision]'") from None
     if out is not None and out.suffix.lower() not in PICTURES:
         raise typer.BadParameter(f"{str(out)!r} must end in {', '.join(PICTURES)}", param_hint="--out")
     folders = _folders(folder, out)

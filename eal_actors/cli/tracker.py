@@ -11,7 +11,8 @@ import typer
 from eal_actors.cli.options import EalCommand, EalCommandGroup, bad_option
 from eal_actors.cli.output import counted, print_line, stdout
 from eal_actors.kernel.bundled import short_path
-from eal_actors.kernel.errors import ArgumentError, UnsupportedError, writing
+from eal_actors.kernel.errors import ArgumentError, writing
+from eal_actors.managers.missing_modules import needs_extra
 
 if TYPE_CHECKING:
     from eal_actors.lab.markers.prints import BoardSize
@@ -51,12 +52,10 @@ def print_markers(
         raise typer.BadParameter("use a name that ends in .pdf or .svg", param_hint="'FILE'")
     if board == (ids is not None):
         raise typer.BadParameter("use either --ids or --board", param_hint="'--ids'")
-    try:
+    with needs_extra("vision", "markers need"):
         from eal_actors.device.markers import FAMILIES
         from eal_actors.lab.markers.prints import board_sheet, marker_sheets
         from eal_actors.lab.markers.sheet import PAPERS_MM, as_pdf, as_svg
-    except ImportError as error:
-        raise needs_opencv(error) from error
     paper_mm = _choice("--paper", paper, PAPERS_MM)
     name: Any = family
     _choice("--family", family, FAMILIES)
@@ -97,11 +96,6 @@ def board_size(squares: str, square_mm: float) -> BoardSize:
         raise typer.BadParameter(f"{squares!r}: use two numbers, such as 7x5", param_hint="'--squares'")
     with bad_option("--squares"):
         return BoardSize(int(match[1]), int(match[2]), square_mm / 1000)
-
-
-def needs_opencv(error: ImportError) -> UnsupportedError:
-    """Return the error of an installation without OpenCV."""
-    return UnsupportedError(f"markers need OpenCV ({error}): pip install 'eal-actors[vision]'")
 
 
 def _choice(option: str, name: str, choices: Any) -> Any:

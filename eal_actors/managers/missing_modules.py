@@ -15,13 +15,13 @@ def needs_extra(extra: str, what: str) -> Iterator[None]:
     """Turn a failed import into the advice to install our extra, after a beginning such as `metrics need`.
 
     Raises:
-        UnsupportedError: the package is not installed.
+        UnsupportedError: the package is not installed, or cannot be loaded.
     """
     try:
         yield
-    except ModuleNotFoundError as error:
-        message = f"{what} {error.name}, which is not installed: pip install 'eal-actors[{extra}]'"
-        raise UnsupportedError(message) from error
+    except ImportError as error:
+        why = f"{error.name}, which is not installed" if isinstance(error, ModuleNotFoundError) else str(error)
+        raise UnsupportedError(f"{what} {why}: pip install 'eal-actors[{extra}]'") from error
 
 
 def require_modules(config: FleetConfig, robots: Iterable[str]) -> None:
