@@ -5,8 +5,7 @@ from __future__ import annotations
 import getpass
 import secrets
 import sys
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -65,7 +64,7 @@ def serve_agents(
     require_modules(config, config.robots)
     console = stderr()  # stdout is the protocol's
     with ExitStack() as stack:
-        audit = stack.enter_context(_audit_log(runs_dir))
+        audit = stack.enter_context(closing(AuditLog(runs_dir).start()))
         opened = stack.enter_context(Fleet(config).connect())
         stack.enter_context(foxglove_at(foxglove, opened, console, allow_control=False))
         gate = PlanGate(opened, runs_dir, rules, rehearsal_limit_s)
@@ -101,16 +100,6 @@ def _serve_http(server: Any, port: int, console: Console) -> None:
         uvicorn.Server(settings).run(sockets=[listener])
 
 
-@contextmanager
-def _audit_log(runs_dir: Path) -> Iterator[AuditLog]:
-    audit = AuditLog(runs_dir)
-    audit.start()
-    try:
-        yield audit
-    finally:
-        audit.close()
-
-
 def approve_plan(
     plan: Annotated[
         str | None, typer.Argument(metavar="[HASH]", show_default=False, help="The hash of a plan, or its beginning.")
@@ -135,7 +124,7 @@ def approve_plan(
     _print_plan(found, store.state(found))
     if not refuse and not _is_confirmed(found):
         raise ScenarioError(f"plan {found.hash[:12]} was not approved")
-    with _audit_log(runs_dir) as audit:
+    with closing(AuditLog(runs_dir).start()) as audit:
         user = {"who": _user(), "role": "person", "from": "terminal"}
         finish = audit.begin(user, "refuse_plan" if refuse else "approve_plan", {"hash": found.hash})
         try:

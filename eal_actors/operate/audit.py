@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping
 from io import TextIOWrapper
 from logging.handlers import QueueListener, RotatingFileHandler
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Self
 
 from typing_extensions import override
 
@@ -54,10 +54,11 @@ class AuditLog:
                 handler = _PrivateFile(folder / AUDIT_FILE, maxBytes=_MOST_BYTES, backupCount=_OLDER_FILES)
             self._listener = QueueListener(self._queue, handler)
 
-    def start(self) -> None:
-        """Start to write."""
+    def start(self) -> Self:
+        """Start to write; return the log itself."""
         if self._listener is not None:
             self._listener.start()
+        return self
 
     def close(self) -> None:
         """Write the rest, and close the file. Thread: blocks the caller."""
