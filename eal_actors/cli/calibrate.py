@@ -19,6 +19,7 @@ from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.fleets import find_resource, plugin_advice, read_fleet
 from eal_actors.cli.options import EalCommandGroup, JsonOption, OptionalFleetOption
 from eal_actors.cli.output import counted, new_table, print_line, stderr, stdout, write_json
+from eal_actors.cli.run_options import SeedOption
 from eal_actors.cli.work import work_progress
 from eal_actors.device.differential_base import NOMINAL, WheelCalibration
 from eal_actors.facade.fleet import Fleet
@@ -129,9 +130,7 @@ def calibrate_robots(
     ] = None,
     side: Annotated[float, typer.Option(min=0.2, max=20, help="Length of a side, in metres.")] = 1.0,
     runs: Annotated[int, typer.Option(min=1, max=100, help="Squares each way.")] = 5,
-    seed: Annotated[
-        int | None, typer.Option(min=0, help="Seed of all randomness, instead of the fleet file's.")
-    ] = None,
+    seed: SeedOption = None,
     fast: Annotated[bool, typer.Option("--fast", help="As fast as possible, if all robots are simulated.")] = False,
     ends: Annotated[
         Path | None,
@@ -162,18 +161,18 @@ def calibrate_robots(
     config = read_fleet(fleet, seed=seed, rate=MAX if fast else None)
     if write:
         require_own(config, "calibrate with that")  # fails before a robot drives
-    names = robot or list(config.robots)
+    names = list(dict.fromkeys(robot or config.robots))
     console = stderr() if as_json else stdout()
     test = _SquareTest(side, runs, wheelbase, _read_measured(ends, names), console)
-    with Fleet(config).connect(dict.fromkeys(names)) as opened, plugin_advice(opened):
-        results = _calibrate_all(opened, list(dict.fromkeys(names)), test)
+    with Fleet(config).connect(names) as opened, plugin_advice(opened):
+        results = _calibrate_all(opened, names, test)
     written = {result.robot: _write_result(config, result, side) for result in results if write and result.is_better}
     if as_json:
         write_json({"side_m": side, "robots": {result.robot: _result_as_json(result, written) for result in results}})
     else:
         _print_results(console, results)
     _print_notes(console, results, written, write=write)
-    if len(results) < len(dict.fromkeys(names)):
+    if len(results) < len(names):
         raise typer.Exit(ExitCode.INTERRUPTED)
     if not all(result.is_better for result in results):
         raise typer.Exit(ExitCode.FAILED)
@@ -237,7 +236,6 @@ def _drive(robot: RobotHandle, measurement: SquareMeasurement, test: _SquareTest
 
 
 def _write_result(config: FleetConfig, result: _CalibrationResult, side_m: float) -> WrittenCalibration:
-    """Write the calibration of one robot."""
     number = len(result.before.cw)
     proof = "" if result.after is None else f", and {_mm(result.after.error_m)} mm with it"
     comment = (
@@ -269,7 +267,6 @@ def _print_results(console: Console, results: list[_CalibrationResult]) -> None:
 def _print_notes(
     console: Console, results: list[_CalibrationResult], written: dict[str, WrittenCalibration], *, write: bool
 ) -> None:
-    """Print warnings and the written files."""
     for result in results:
         lines = []
         if result.fit.is_doubtful:

@@ -58,8 +58,8 @@ def _on_free_ports(config: FleetConfig) -> Iterator[Path]:
     moved = {}
     for name, robot in config.robots.items():
         local = _LOCAL.fullmatch(str(robot.address))
-        if local is not None and not _is_free(int(local["port"])):
-            moved[name] = {"address": f"{local['start']}{_free_port()}"}
+        if local is not None and (port := _free_port(int(local["port"]))) != int(local["port"]):
+            moved[name] = {"address": f"{local['start']}{port}"}
             print_line(stderr(), f"{name}: port {local['port']} is in use by another program", "dim")
     if not moved:
         yield config.source
@@ -71,20 +71,14 @@ def _on_free_ports(config: FleetConfig) -> Iterator[Path]:
         yield file
 
 
-def _is_free(port: int) -> bool:
-    with socket.socket() as trial:
-        trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            trial.bind((_LOOPBACK, port))
-        except OSError:
-            return False
-    return True
-
-
-def _free_port() -> int:
-    with socket.socket() as trial:
-        trial.bind((_LOOPBACK, 0))
-        return int(trial.getsockname()[1])
+def _free_port(wanted: int) -> int:
+    """Return this port of the machine; another one if it is in use."""
+    try:
+        with socket.create_server((_LOOPBACK, wanted)):
+            return wanted
+    except OSError:
+        with socket.create_server((_LOOPBACK, 0)) as trial:
+            return int(trial.getsockname()[1])
 
 
 @contextmanager

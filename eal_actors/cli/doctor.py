@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated, Final
 
 import typer
-from rich.console import Console
 from rich.text import Text
 
 from eal_actors.cli.exit_codes import ExitCode
@@ -69,25 +68,18 @@ def _of_fleet(fleet: Path, robots: list[str]) -> Iterator[Diagnostic]:
 
 def _print(findings: list[Diagnostic], problems: int) -> None:
     console = stdout(PAGE_WIDTH)
+    is_rich = console.encoding.startswith("utf")
+    arrow = "→" if is_rich else "->"
     table = new_table("", "area", "finding")
     for finding in findings:
-        style = _STYLES[finding.level]
+        rich, plain = _SIGNS[finding.level]
         what = Text(finding.what)
         if finding.advice:
-            what.append(
-                f"\n{_arrow(console)} {finding.advice}", style="bold" if finding.level is Severity.PROBLEM else "dim"
-            )
-        table.add_row(Text(f"{_sign(console, finding.level)} {finding.level}", style=style), finding.area, what)
+            style = "bold" if finding.level is Severity.PROBLEM else "dim"
+            what.append(f"\n{arrow} {finding.advice}", style=style)
+        sign = Text(f"{rich if is_rich else plain} {finding.level}", style=_STYLES[finding.level])
+        table.add_row(sign, finding.area, what)
     console.print(table)
     warnings = sum(finding.level is Severity.WARNING for finding in findings)
     style = _STYLES[Severity.PROBLEM if problems else Severity.WARNING if warnings else Severity.OK]
     console.print(Text(f"{counted(problems, 'problem')}, {counted(warnings, 'warning')}", style=style))
-
-
-def _sign(console: Console, level: Severity) -> str:
-    rich, plain = _SIGNS[level]
-    return rich if console.encoding.startswith("utf") else plain
-
-
-def _arrow(console: Console) -> str:
-    return "→" if console.encoding.startswith("utf") else "->"

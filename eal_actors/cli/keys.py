@@ -192,7 +192,12 @@ def show_keys(fleet: FleetOption, directory: DirOption = None, as_json: JsonOpti
     revoked = revoked_names(folder)
     found = [
         {
-            **_certificate_as_json(certificate),
+            "name": certificate.name,
+            "hosts": list(certificate.hosts),
+            "begins": certificate.begins.isoformat(),
+            "expires": certificate.expires.isoformat(),
+            "days_left": certificate.days_left,
+            "file": str(short_path(certificate.file)),
             "revoked": certificate.name in revoked,
             "may": "" if certificate.name in revoked else _rights(config, certificate.name),
         }
@@ -292,17 +297,6 @@ def _rights(fleet: FleetConfig, name: str) -> str:
         for grant in security.grants
         if grant.name == name
     )
-
-
-def _certificate_as_json(certificate: Certificate) -> dict[str, Any]:
-    return {
-        "name": certificate.name,
-        "hosts": list(certificate.hosts),
-        "begins": certificate.begins.isoformat(),
-        "expires": certificate.expires.isoformat(),
-        "days_left": certificate.days_left,
-        "file": str(short_path(certificate.file)),
-    }
 
 
 def print_made(certificate: Certificate) -> None:

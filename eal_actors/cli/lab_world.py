@@ -19,7 +19,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from eal_actors.cli.emulators import LabDevice, LabPose, devices_of, load_marked
-from eal_actors.device.emulator_wires import WIRES, DeviceEmulator, EmulatorWire
+from eal_actors.device.emulator_wires import WIRES, EmulatorWire
 from eal_actors.device.plugin_context import FleetServices, PluginContext
 from eal_actors.facade.robot_starter import RobotStarter
 from eal_actors.kernel.clock import REAL_TIME
@@ -51,17 +51,12 @@ def main(fleet: Path) -> None:
 
 
 def _wire(device: LabDevice, services: FleetServices, scheme: str) -> EmulatorWire:
-    """Return the wire of a device in the world."""
     section = device.section
     module = importlib.import_module(f"{import_plugin(device.plugin).__package__}.{section.module}")
     context = PluginContext(device.robot, device.plugin.name, device.settings, services)
     url = f"{scheme}://world/{device.part or device.robot}"
 
-    def emulate() -> DeviceEmulator:
-        emulator: DeviceEmulator = module.emulate_in_world(context, url)
-        return emulator
-
-    return WIRES[section.world_wire or ""](emulate)
+    return WIRES[section.world_wire or ""](lambda: module.emulate_in_world(context, url))
 
 
 def _scheme(config: FleetConfig, devices: list[LabDevice]) -> str:

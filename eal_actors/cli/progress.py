@@ -216,9 +216,7 @@ class LiveProgress:
         room = max(3, self._console.height - _OTHER_LINES)
         names = list(self._rows)
         if len(names) > room:
-            names.sort(
-                key=lambda name: self._rows[name].state != "running"
-            )  # stable: keeps the fleet's order otherwise
+            names.sort(key=lambda name: self._rows[name].state != "running")  # stable
         table = new_table("robot", "state", "calls", "step", "since")
         for column in table.columns:
             column.no_wrap, column.overflow = True, "ellipsis"

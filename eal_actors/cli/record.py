@@ -12,11 +12,11 @@ from eal_actors.cli.fleets import in_real_time, read_fleet
 from eal_actors.cli.interrupts import handle_signals
 from eal_actors.cli.options import FleetOption
 from eal_actors.cli.output import counted, print_line, stdout
-from eal_actors.cli.run_options import RunsDirOption
+from eal_actors.cli.run_options import RecordOption, RunsDirOption
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import new_waiter
 from eal_actors.managers.missing_modules import require_modules
-from eal_actors.recording import Extent, LiveRecord, RunFolder, draw_run, new_run_folder, repair_interrupted
+from eal_actors.recording import LiveRecord, RunFolder, draw_run, new_run_folder, repair_interrupted
 
 
 def record_fleet(
@@ -27,9 +27,7 @@ def record_fleet(
             metavar="[ROBOT...]", show_default=False, help="Only these robots.", autocompletion=complete_robots
         ),
     ] = None,
-    record: Annotated[
-        Extent, typer.Option(help="Content of run.mcap: poses; poses and sensor values; or camera frames as well.")
-    ] = "sensors",
+    record: RecordOption = "sensors",
     duration_s: Annotated[
         float | None, typer.Option("--duration-s", min=0.1, show_default="until Ctrl-C", help="Seconds to record.")
     ] = None,

@@ -15,7 +15,7 @@ from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.fleets import read_fleet
 from eal_actors.cli.options import FleetOption, JsonOption
 from eal_actors.cli.output import counted, new_table, stdout, write_json
-from eal_actors.device.info import METHODS, CommandInfo, ResourceInfo
+from eal_actors.device.info import METHODS, ResourceInfo
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import EALError
 from eal_actors.managers.missing_modules import require_modules
@@ -118,16 +118,13 @@ def _interface(info: ResourceInfo) -> Text:
     if bare:
         lines.append(_interface_line("command", ", ".join(bare)))
     lines += [_interface_line("command", command.describe()) for command in info.commands if command.argument]
-    lines += [_interface_line("request", _describe_request(request)) for request in info.requests]
+    for request in info.requests:
+        answer = f": {request.returns.describe()}" if request.returns else ""
+        lines.append(_interface_line("request", f"{request.describe()}{answer}"))
     for key in info.configs:
-        lines.append(
-            _interface_line("config", f"{key.name} ({key.value.describe()}){'' if key.writable else ' read-only'}")
-        )
+        access = "" if key.writable else " read-only"
+        lines.append(_interface_line("config", f"{key.name} ({key.value.describe()}){access}"))
     return Text("\n").join(lines)
-
-
-def _describe_request(request: CommandInfo) -> str:
-    return f"{request.describe()}: {request.returns.describe()}" if request.returns else request.describe()
 
 
 def _interface_line(kind: str, text: str) -> Text:

@@ -65,13 +65,12 @@ def _default_endpoint(fleet: FleetConfig | None) -> str:
     return f"{SECURE_PROTOCOLS[0] if is_secure else 'tcp'}/0.0.0.0:{DEFAULT_PORT}"
 
 
-def _validate(endpoints: list[str], option: str) -> list[str]:
+def _validate(endpoints: list[str], option: str) -> None:
     for endpoint in endpoints:
         try:
             parse_endpoint(endpoint)
         except ValueError as error:
             raise typer.BadParameter(str(error), param_hint=option) from None
-    return endpoints
 
 
 def _announce(endpoints: list[str], options: GlobalOptions) -> None:

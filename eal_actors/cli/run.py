@@ -153,7 +153,6 @@ class _Drawings(NamedTuple):
 
 
 def _show(finished: _FinishedRun, config: FleetConfig, console: Console, drawings: _Drawings, *, as_json: bool) -> None:
-    """Print the summary of a run, draw its paths, and name its files."""
     if as_json:
         write_json(finished.report.model_dump(mode="json"))
     else:
@@ -170,7 +169,6 @@ def _show(finished: _FinishedRun, config: FleetConfig, console: Console, drawing
 
 
 def _print_dry_run(request: RunRequest, console: Console, *, as_json: bool) -> None:
-    """Make the plan on the connected robots, and print it."""
     robots = bound_robots(request.scenario, request.config, request.binding)
     require_modules(request.config, robots)
     with Fleet(request.config).connect(robots) as opened:

@@ -159,9 +159,8 @@ def _errors(report: Report, scenario: Scenario) -> list[Text]:
     for step in report.steps:
         if step.outcome in ("failed", "skipped", "replaced") and step.error is not None:
             prefix = f"{step.robot}  " if step.robot is not None else ""
-            lines.append(
-                _error_line(f"{prefix}{step.label}", step.outcome, f"{_place(step, scenario)}{step.error.message}")
-            )
+            reason = f"{_place(step, scenario)}{step.error.message}"
+            lines.append(_error_line(f"{prefix}{step.label}", step.outcome, reason))
             printed.add(step.error.message)
     for name, robot in report.robots.items():
         if robot.error is not None and robot.error.message not in printed:

@@ -22,7 +22,6 @@ from eal_actors.kernel.errors import ConfigError
 from eal_actors.lab.sweeping import (
     Sweep,
     SweepFolder,
-    SweepJob,
     SweepResult,
     read_seeds,
     read_variations,
@@ -136,9 +135,8 @@ def _run_sweep(console: Console, folder: SweepFolder, sweep: Sweep, processes: i
                 on_done(_result_line(result), not result.is_good)
     except KeyboardInterrupt:
         done = sum(folder.is_finished(job) for job in jobs)
-        stderr().print(
-            f"Stopped: {done} of {len(jobs)} runs are finished; run the same command to resume.", style="yellow"
-        )
+        text = f"Stopped: {done} of {len(jobs)} runs are finished; run the same command to resume."
+        print_line(stderr(), text, "yellow")
         raise
     return [failures.get(job.name) or folder.result(job, sweep.scenario) for job in jobs]
 
@@ -153,7 +151,6 @@ def _result_line(result: SweepResult) -> Text:
 
 
 def _write_results(folder: SweepFolder, sweep: Sweep, results: Sequence[SweepResult]) -> list[Path]:
-    """Write the table, the test cases and the plot; return the files."""
     table, junit = folder.path / "table.csv", folder.path / "junit.xml"
     write_csv(results, sweep.scenario, table)
     write_junit(results, f"sweep.{sweep.scenario.name}", junit)
@@ -197,12 +194,8 @@ def _sweep_as_json(
                 "expected": dict(result.expected),
                 "variables": dict(result.variables),
                 "error": result.error or None,
-                "run": _finished_directory(folder, result.job),
+                "run": str(folder.directory_of(result.job)) if folder.is_finished(result.job) else None,
             }
             for result in results
         ],
     }
-
-
-def _finished_directory(folder: SweepFolder, job: SweepJob) -> str | None:
-    return str(folder.directory_of(job)) if folder.is_finished(job) else None

@@ -8,12 +8,11 @@ from typing import Annotated, TextIO, cast
 
 import typer
 
-from eal_actors.cli.fleets import read_fleet
+from eal_actors.cli.fleets import in_real_time, read_fleet
 from eal_actors.cli.interrupts import handle_signals
 from eal_actors.cli.options import FleetOption, GlobalOptions, RobotsArgument
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import UnsupportedError
-from eal_actors.kernel.lock_step import MAX
 from eal_actors.kernel.log import configure_logging
 from eal_actors.managers.missing_modules import needs_extra, require_modules
 from eal_actors.operate.metrics.call_observer import observe_calls
@@ -36,9 +35,7 @@ def show_top(
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise UnsupportedError("eal top needs a terminal; programs can use `eal ping --json`")
     handle_signals()
-    config = read_fleet(fleet, robots or ())
-    if config.rate == MAX:
-        config = read_fleet(fleet, robots or (), rate=1.0)  # people cannot follow rate max
+    config = in_real_time(read_fleet(fleet, robots or ()))
     require_modules(config, config.robots)
     options = context.find_object(GlobalOptions) or GlobalOptions()
     calls, lines = RecentCalls(), LogBuffer()
