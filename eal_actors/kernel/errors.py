@@ -51,12 +51,7 @@ from typing_extensions import override
 
 
 class EALError(Exception):
-    """The root of the tree: catch it to catch every error of the framework.
-
-    Attributes:
-        robot: the name of the robot, or None.
-        resource: the name of the resource, or None.
-    """
+    """The root of the tree: catch it to catch every error of the framework."""
 
     code: ClassVar[str] = "error"
 
@@ -95,6 +90,16 @@ def error_text(error: BaseException) -> str:
         return f"{type(error).__name__}: {error}"
     except Exception:  # noqa: BLE001
         return type(error).__name__
+
+
+def message_of(error: BaseException) -> str:
+    """Return the message of an error of ours, without its robot; of any other one, its text with its type."""
+    return error.message if isinstance(error, EALError) else error_text(error)
+
+
+def code_of(error: BaseException) -> str:
+    """Return the code of an error; that of EALError for one that is not ours."""
+    return error.code if isinstance(error, EALError) else EALError.code
 
 
 @dataclass(frozen=True, slots=True, order=True)

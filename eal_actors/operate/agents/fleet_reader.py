@@ -10,14 +10,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.device.data import EALData
-from eal_actors.device.info import ResourceInfo
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.bundled import bundled_names, bundled_path
 from eal_actors.kernel.errors import ArgumentError, EALError
-from eal_actors.operate.dashboard.fleet_poller import infos_of
 from eal_actors.operate.dashboard.state_store import to_json_value
-from eal_actors.operate.dashboard.values import is_live
+from eal_actors.operate.dashboard.values import infos_of, is_live
 from eal_actors.recording import RunFolder
 from eal_actors.wire.format.images import encode_image
 
@@ -66,9 +63,12 @@ class FleetReader:
         found: dict[str, Any] = {}
         for resource, answer in answers.items():
             try:
-                found[resource] = _value(answer.get(timeout=self._fleet.clock.of_real(_ANSWER_S)))
+                data = answer.get(timeout=self._fleet.clock.of_real(_ANSWER_S))
             except EALError as error:
                 found[resource] = {"error": error.message}
+            else:
+                value = data.value.tolist() if hasattr(data.value, "tolist") else data.value
+                found[resource] = {"value": to_json_value(value), "unit": data.unit, "stamp_s": data.stamp_s}
         return found
 
     def picture(self, name: str, resource: str) -> bytes:
@@ -77,11 +77,10 @@ class FleetReader:
         Raises:
             EALError: there is no such camera, or it does not answer.
         """
-        robot = self._fleet[name]
-        info = robot[resource].info
-        if not _is_camera(info):
+        camera = self._fleet[name][resource]
+        if not camera.info.is_camera:
             raise ArgumentError(f"{resource} of {name} takes no pictures")
-        data = robot[resource].get_value().get(timeout=self._fleet.clock.of_real(_PICTURE_S))
+        data = camera.get_value().get(timeout=self._fleet.clock.of_real(_PICTURE_S))
         return encode_image(data, "jpeg")
 
     def runs(self) -> list[str]:
@@ -134,13 +133,3 @@ def _checked(name: str) -> str:
     if not _NAME.fullmatch(name):
         raise ArgumentError(f"{name!r} is no name")
     return name
-
-
-def _is_camera(info: ResourceInfo) -> bool:
-    shape = () if info.value is None else info.value.shape
-    return len(shape) == 3 and shape[-1] == 3  # rows, columns and colours
-
-
-def _value(data: EALData) -> dict[str, Any]:
-    value = data.value.tolist() if hasattr(data.value, "tolist") else data.value
-    return {"value": to_json_value(value), "unit": data.unit, "stamp_s": data.stamp_s}

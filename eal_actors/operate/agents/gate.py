@@ -18,7 +18,7 @@ from eal_actors.kernel.errors import (
     Problem,
     ScenarioError,
     WaitTimeoutError,
-    error_text,
+    message_of,
 )
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
@@ -242,7 +242,7 @@ def _unconfirmed(answer: Future[None]) -> str | None:
     if not answer.done():
         return f"no answer within {_STOP_S:g} s"
     error = answer.exception()
-    return None if error is None else error.message if isinstance(error, EALError) else error_text(error)
+    return None if error is None else message_of(error)
 
 
 def _end_after(run: Run, future: Future[Report], limit_s: float) -> None:

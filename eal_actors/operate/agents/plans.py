@@ -113,7 +113,8 @@ class PlanStore:
     def plans(self) -> list[StoredPlan]:
         """Return the plans, the oldest first; damaged ones are left out."""
         found = [plan for file in self._folder.glob(f"*/{_PLAN}") if (plan := _read(file, StoredPlan)) is not None]
-        return sorted((plan for plan in found if _is_hash(plan.hash)), key=lambda plan: (plan.submitted, plan.hash))
+        whole = (plan for plan in found if len(plan.hash) == 64 and _HASH.fullmatch(plan.hash))  # SHA-256
+        return sorted(whole, key=lambda plan: (plan.submitted, plan.hash))
 
     def waiting(self) -> list[StoredPlan]:
         """Return the plans that wait for a decision, the oldest first."""
@@ -190,10 +191,6 @@ class PlanStore:
             except FileExistsError:
                 return False
         return True
-
-
-def _is_hash(text: str) -> bool:
-    return len(text) == 64 and _HASH.fullmatch(text) is not None  # SHA-256
 
 
 def _write(file: Path, text: str, *, is_new: bool = False) -> None:

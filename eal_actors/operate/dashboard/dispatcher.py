@@ -10,11 +10,18 @@ from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle
 from eal_actors.device.data import DataType, EALData
-from eal_actors.kernel.errors import ConfigError, EALError, PreemptedError, StoppedError, error_text
+from eal_actors.kernel.errors import (
+    ConfigError,
+    EALError,
+    PreemptedError,
+    StoppedError,
+    code_of,
+    error_text,
+    message_of,
+)
 from eal_actors.kernel.log import get_logger
 from eal_actors.operate.dashboard.cameras import Cameras
 from eal_actors.operate.dashboard.control import DashboardContext
-from eal_actors.operate.dashboard.fleet_poller import infos_of
 from eal_actors.operate.dashboard.journeys import Journeys
 from eal_actors.operate.dashboard.messages import (
     CallResource,
@@ -37,7 +44,7 @@ from eal_actors.operate.dashboard.messages import (
 from eal_actors.operate.dashboard.run_manager import RunManager
 from eal_actors.operate.dashboard.state_store import to_json_value
 from eal_actors.operate.dashboard.teleop import Teleop, Twist
-from eal_actors.operate.dashboard.values import ValuePoller
+from eal_actors.operate.dashboard.values import ValuePoller, infos_of
 
 Reply: TypeAlias = Callable[[dict[str, Any]], None]
 """Sends an answer to a browser; called in any thread, and never blocks."""
@@ -85,7 +92,9 @@ class Dispatcher:
             case Watch() | WatchValues():
                 self._watch(message, browser)
             case Describe():
-                return {"resources": self._describe(message.robot)}
+                return {
+                    "resources": [to_json_value(info.to_dict()) for _, info in infos_of(self._fleet[message.robot])]
+                }
             case CallResource():
                 self._call(message, browser, reply)
             case CommandRobots():
@@ -134,9 +143,6 @@ class Dispatcher:
         self._cameras.leave(browser)
         self._values.leave(browser)
 
-    def _describe(self, robot: str) -> list[dict[str, Any]]:
-        return [to_json_value(info.to_dict()) for _, info in infos_of(self._fleet[robot])]
-
     def _drive(self, message: DriveRobot, browser: str, reply: Reply) -> None:
         """Drive by hand. Errors name their press, because the browser may have started the next one by then."""
 
@@ -164,9 +170,8 @@ class Dispatcher:
         def on_done(done: Future[list[Any]]) -> None:
             answer = _answer_for_all(number, dict(zip(answers, done.get(), strict=True)))
             for name, reason in answer["failed"].items():
-                get_logger(robot=name).warning(
-                    "did not confirm", reason=reason
-                )  # no error of the robot that would stay
+                # A warning, since an error of the robot would stay on the page.
+                get_logger(robot=name).warning("did not confirm", reason=reason)
             reply(answer)
 
         gather(answers.values(), return_exceptions=True).add_done_callback(on_done)
@@ -251,11 +256,7 @@ class Dispatcher:
 
 def _answer_for_all(number: int, outcomes: Mapping[str, Any]) -> dict[str, Any]:
     """Return the answer to a request to several robots, given each one's value or error."""
-    failed = {
-        name: outcome.message if isinstance(outcome, EALError) else error_text(outcome)
-        for name, outcome in outcomes.items()
-        if isinstance(outcome, BaseException)
-    }
+    failed = {name: message_of(outcome) for name, outcome in outcomes.items() if isinstance(outcome, BaseException)}
     confirmed = [name for name in outcomes if name not in failed]
     return {"id": number, "ok": not failed, "confirmed": confirmed, "failed": failed}
 
@@ -276,8 +277,7 @@ def _start_call(resource: ResourceHandle, message: CallResource) -> Future[Any]:
 def failure(number: int | None, error: BaseException) -> dict[str, Any]:
     """Return the answer to a failed request."""
     problems = [str(problem) for problem in error.problems] if isinstance(error, ConfigError) else []
-    code = error.code if isinstance(error, EALError) else EALError.code
-    return {"id": number, "ok": False, "code": code, "error": str(error), "problems": problems}
+    return {"id": number, "ok": False, "code": code_of(error), "error": str(error), "problems": problems}
 
 
 def format_value(answer: EALData | int | None) -> str:

@@ -9,23 +9,22 @@ from __future__ import annotations
 import math
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, Final
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
 from eal_actors.actors.robot_view import Ping, RobotState
 from eal_actors.device.data import DataType, EALData
-from eal_actors.device.info import ResourceInfo, ValueInfo
+from eal_actors.device.info import ValueInfo
 from eal_actors.device.localization.pose_estimate import PoseEstimate
 from eal_actors.kernel.clock import REAL_TIME, new_waiter, wall_time
-from eal_actors.kernel.errors import EALError
 from eal_actors.kernel.log import get_logger
 from eal_actors.operate.dashboard.control import ControlRegistry, DashboardContext
 from eal_actors.operate.dashboard.robot_shape import RobotShape
 from eal_actors.operate.dashboard.state_store import CurrentSteps
 from eal_actors.operate.dashboard.teleop import DRIVE_RESOURCE, takes_twist
-from eal_actors.operate.dashboard.values import ValuePoller
+from eal_actors.operate.dashboard.values import ValuePoller, infos_of
 
 POSE_PERIOD_S: Final = 0.025
 """Real seconds between polls of the poses: 40 a second."""
@@ -47,15 +46,6 @@ _SPREAD: Final = ((0, 0), (0, 1), (1, 1))
 TRAIL_STEP_M: Final = 0.02
 TRAIL_POINTS: Final = 300
 _POSE: Final = ValueInfo(DataType.DOUBLE, shape=(3,))
-
-
-def infos_of(robot: RobotHandle) -> Iterator[tuple[str, ResourceInfo]]:
-    """Yield the descriptions of those of the robot's resources that have started."""
-    for name, resource in robot.items():
-        try:
-            yield name, resource.info
-        except EALError:
-            continue
 
 
 class FleetPoller:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -18,7 +18,7 @@ from eal_actors.actors.robot_view import RobotState
 from eal_actors.device.data import DataType, EALData
 from eal_actors.device.info import ResourceInfo, ResourceType
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.errors import EALError, RobotNotFoundError, error_text
+from eal_actors.kernel.errors import EALError, RobotNotFoundError, message_of
 from eal_actors.operate.dashboard.state_store import StateStore
 
 VALUE_PERIOD_S: Final = 0.5
@@ -29,6 +29,15 @@ SILENT_S: Final = 2.0
 """Real seconds after which an open question is reported."""
 _MAX_CHARACTERS: Final = 200
 _DIGITS: Final = 6
+
+
+def infos_of(robot: RobotHandle) -> Iterator[tuple[str, ResourceInfo]]:
+    """Yield the descriptions of those of the robot's resources that have started."""
+    for name, resource in robot.items():
+        try:
+            yield name, resource.info
+        except EALError:
+            continue
 
 
 def is_live(info: ResourceInfo) -> bool:
@@ -149,7 +158,7 @@ class _RobotReader:
             if error is None:
                 self._keep(name, question.answer.get())
             else:
-                self._values[name] = {"error": error.message if isinstance(error, EALError) else error_text(error)}
+                self._values[name] = {"error": message_of(error)}
         return {name: {**self._values.get(name, {}), **self._silence(name, now_s)} for name in self._resources}
 
     def _silence(self, name: str, now_s: float) -> dict[str, Any]:
@@ -170,14 +179,7 @@ class _RobotReader:
         if current == self._described:
             return
         self._described = current
-        self._resources = {name: resource for name, resource in robot.items() if _has_live_value(resource)}
-
-
-def _has_live_value(resource: ResourceHandle) -> bool:
-    try:
-        return is_live(resource.info)
-    except EALError:  # it has not started
-        return False
+        self._resources = {name: robot[name] for name, info in infos_of(robot) if is_live(info)}
 
 
 def _to_plain(value: Any) -> Any:

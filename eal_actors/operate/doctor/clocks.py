@@ -38,7 +38,8 @@ class StepWatch:
 def check_clock() -> Iterator[Diagnostic]:
     """Yield diagnostics of the time of day. Thread: blocks the caller while it asks the system."""
     yield from judge_date(wall_time())
-    yield judge_synchronised(_is_synchronised())
+    asked = _ask_kernel()
+    yield judge_synchronised(_ask_timedatectl() if asked is None else asked)
 
 
 def judge_date(now: datetime) -> Iterator[Diagnostic]:
@@ -72,11 +73,6 @@ def judge_steps(step_s: float) -> Iterator[Diagnostic]:
             f"the time of day jumped by {step_s:+.1f} s during this check; current records have wrong times",
             "Wait for the time synchronisation to settle, or let it slew the clock. Running fleets are not affected.",
         )
-
-
-def _is_synchronised() -> bool | None:
-    answer = _ask_kernel()
-    return _ask_timedatectl() if answer is None else answer
 
 
 class _Timex(ctypes.Structure):

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from eal_actors.kernel.errors import Problem
-from eal_actors.managers.fleet_model import FleetConfig, PluginSettings, RobotConfig
+from eal_actors.managers.fleet_model import FleetConfig, RobotConfig
 from eal_actors.managers.manifest import PluginManifest
 from eal_actors.managers.plugins import EALPluginManager
 from eal_actors.operate.doctor.diagnostic import Diagnostic, ok, problem, warning
@@ -28,7 +28,8 @@ def check_plugins(config: FleetConfig, here: Iterable[RobotConfig]) -> Iterator[
             problems.update(dict.fromkeys(wrong))
             findings.update((_broken(manager.manifests[settings.plugin], error.message), None) for error in broken)
             if not wrong and not broken:
-                fine.add(_with_version(manager, settings))
+                manifest = manager.manifests[settings.plugin]
+                fine.add(f"{manifest.name} {manifest.file.plugin_version}")
     yield from findings
     for wrong_place in problems:
         yield problem("fleet file", str(wrong_place), "Correct the file there.")
@@ -41,8 +42,3 @@ def _broken(manifest: PluginManifest, message: str) -> Diagnostic:
         return problem(_AREA, message, f"eal plugin check {manifest.folder}")
     what, _, remedy = message.partition(": pip install ")
     return problem(_AREA, what, f"pip install {remedy}" if remedy else "Install the missing packages.")
-
-
-def _with_version(manager: EALPluginManager, settings: PluginSettings) -> str:
-    manifest = manager.manifests[settings.plugin]
-    return f"{manifest.name} {manifest.file.plugin_version}"

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import Final
 
-from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.robot_view import Ping, RobotState, release
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import EALError
@@ -35,21 +34,16 @@ def ping_robots(config: FleetConfig, names: Iterable[str]) -> tuple[dict[str, Pi
         with Fleet(only).connect() as fleet:
             for name in wanted:
                 try:
-                    answers[name] = _ping(fleet[name])
+                    fleet[name].require_started()
+                    answers[name] = fleet[name].ping().get(timeout=fleet.clock.of_real(_PING_S))
                 except EALError as error:
                     findings.append(_unreached(name, config.robots[name].address or "", error))
                 else:
                     findings.extend(judge_ping(name, answers[name], release()))
     except EALError as error:  # missing keys, or a router that does not answer
-        findings.append(
-            problem(_AREA, f"cannot connect to the network: {error}", "Correct this first, then run eal doctor again.")
-        )
+        advice = "Correct this first, then run eal doctor again."
+        findings.append(problem(_AREA, f"cannot connect to the network: {error}", advice))
     return answers, findings
-
-
-def _ping(robot: RobotHandle) -> Ping:
-    robot.require_started()
-    return robot.ping().get(timeout=robot.clock.of_real(_PING_S))
 
 
 def _unreached(name: str, address: str, error: EALError) -> Diagnostic:

@@ -345,5 +345,4 @@ class _ViewerListener:
     def on_parameters_subscribe(self, param_names: list[str]) -> None:
         """Do nothing: parameters are sent when they are asked for or set."""
 
-    def on_parameters_unsubscribe(self, param_names: list[str]) -> None:
-        """Do nothing: parameters are sent when they are asked for or set."""
+    on_parameters_unsubscribe = on_parameters_subscribe

@@ -81,9 +81,8 @@ class ViewerControl:
             twist = _twist(data)
         except (ValueError, KeyError, TypeError, OverflowError) as error:
             if (more := self._ignored.admit()) is not None:
-                get_logger(robot=robot).warning(
-                    "a viewer's velocity is ignored", reason=repr(error)[:_MOST_SHOWN], **more
-                )
+                reason = repr(error)[:_MOST_SHOWN]
+                get_logger(robot=robot).warning("a viewer's velocity is ignored", reason=reason, **more)
             return
         try:
             self._teleop.drive(viewer, robot, self._press_of(viewer), twist, self._on_error)

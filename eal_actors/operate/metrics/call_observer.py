@@ -9,7 +9,7 @@ from typing import Any
 from eal_actors.actors.call import Call, watch_calls
 from eal_actors.actors.future import CallSoon, Future
 from eal_actors.kernel.clock import Clock
-from eal_actors.kernel.errors import EALError
+from eal_actors.kernel.errors import code_of
 
 DONE = "done"
 """The outcome of a call that did not fail."""
@@ -32,8 +32,7 @@ def observe_calls(clock: Clock, on_end: Callable[[Call[Any], str, float], None])
 
     def on_done(call: Call[Any], done: Future[Any], start_s: float, _: CallSoon | None) -> None:
         error = done.exception()
-        outcome = DONE if error is None else error.code if isinstance(error, EALError) else EALError.code
-        on_end(call, outcome, clock.now() - start_s)
+        on_end(call, DONE if error is None else code_of(error), clock.now() - start_s)
 
     stop = watch_calls(on_call)
     try:

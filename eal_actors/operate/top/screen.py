@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import io
 from collections import deque
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
@@ -168,11 +166,7 @@ class TopApp(App[None]):
 
     def _order(self, what: str, future: Future[Any]) -> None:
         self._orders.append((what, future))
-        future.add_done_callback(partial(self._refresh_soon, self.call_later))
-
-    def _refresh_soon(self, call_later: Callable[[Callable[[], None]], bool], _: Future[Any]) -> None:
-        """Thread: the one that resolves the future."""
-        call_later(self.refresh_fleet)
+        future.add_done_callback(lambda _: self.call_later(self.refresh_fleet))  # in the thread that resolves it
 
     def _report_orders(self) -> None:
         for what, future in [order for order in self._orders if order[1].done()]:
