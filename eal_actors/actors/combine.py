@@ -20,7 +20,6 @@ class _CombinedFuture(Future[T]):
     """A future made of others: cancelling it cancels all of them.
 
     Args:
-        parts: the others.
         what: the function that combines them.
         watched: those that count; all if None.
     """

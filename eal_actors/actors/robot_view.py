@@ -151,7 +151,6 @@ class RobotView:
     Attributes:
         cells: its resources' slots by name, in the order of its plugins.
         problems: the errors of plugins that did not connect, or of the robot's failure.
-        restarts: how often each resource was restarted.
         not_ready: why resources are not ready, by their names; the resources' actors write it too.
         controller_id: the id by which a robot of another process knows this one; None for a robot of this process.
         started: done when every resource is up, or the robot has failed.
@@ -268,7 +267,6 @@ class RobotConnection(Protocol):
     """The actor behind a robot: one that runs it in this process, or one that reaches it over a network.
 
     Attributes:
-        is_remote: whether the robot is in another process.
         actor_inbox: runs the timers of deadlines, by the fleet's clock.
 
     Thread: any; only `join` blocks.

@@ -27,13 +27,9 @@ class EALDataInfo_t:
     """A value with its C type (Source: thesis table B.1).
 
     Attributes:
-        type: the payload's type.
         data: the payload: a Python value; or bytes, the memory of an array. 0 and None, the null pointer, are zeros.
         length: the payload's bytes; 0 derives it from the type and the payload.
         isPtr: it is an array or text.
-        isUnsigned: its type is unsigned.
-        isShort: its type is short.
-        isLong: its type is long.
     """
 
     type: DataType = INT
@@ -107,7 +103,6 @@ class EALResourceInfo_t:
     """The information of a resource (Source: thesis §4.4.2); it has the attributes of ResourceInfo too.
 
     Attributes:
-        name: the resource's name on its robot.
         type: the types that it combines; a resource sets it in its constructor (Source: thesis table 4.4).
     """
 

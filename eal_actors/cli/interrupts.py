@@ -70,9 +70,6 @@ class RunInterrupts:
         run: the run to abort. The first signal halts the robots and lets `finally` run, the second skips `finally`,
             a third raises KeyboardInterrupt in the block, and one more ends the process. After the block, the first
             signal raises KeyboardInterrupt, unless there was one in the block.
-
-    Attributes:
-        count: number of signals received.
     """
 
     def __init__(self, run: Run) -> None:

@@ -74,7 +74,6 @@ class RunRequest:
     """A scenario to run on a fleet.
 
     Attributes:
-        scenario: the scenario, with the values of its parameters.
         binding: robots by role, as the user bound them; None if the scenario binds them.
         resumption: the point at which an interrupted run continues.
     """

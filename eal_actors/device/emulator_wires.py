@@ -42,7 +42,6 @@ class EmulatorWire(ABC):
 
     Attributes:
         address: the device path, or `host:port`; constant.
-        emulator: the current or last emulator.
 
     Thread: its owner's; the emulator runs in its own thread.
     """

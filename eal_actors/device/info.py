@@ -67,7 +67,6 @@ class ValueInfo:
         maximum: the greatest valid value, in the unit; None for no limit.
         choices: the valid values, if they are few; empty for no such limit.
         shape: the array's shape, with None for any size; () for a single value. A list fills rows.
-        description: one line for people.
     """
 
     type: DataType
@@ -138,7 +137,6 @@ class CommandInfo:
         argument: its argument, in the text if the name says so, else the call's data; None for none.
         returns: the answer of a request; None for a command.
         urgent: it overtakes all calls in the mailbox and drops the motions among them. For stops.
-        description: one line for people.
         seconds_per_unit: time that it takes for each unit of an argument in the text, added to the default deadline.
         pace: the configuration key of its speed, in units a second; empty for none.
         repeatable: given twice, it leads to the same state as once, so a resumed run may give it again.
@@ -169,9 +167,7 @@ class ConfigInfo:
     """One configuration key.
 
     Attributes:
-        value: its type, unit and range.
         writable: whether set_config accepts it.
-        description: one line for people.
     """
 
     name: str
@@ -203,7 +199,6 @@ class ResourceInfo:
         commands: the commands of send_cmd; empty with send_cmd supported means free text.
         requests: the requests of send_req; likewise.
         configs: the keys of get_config and set_config; likewise.
-        description: one line for people.
     """
 
     name: str

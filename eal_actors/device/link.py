@@ -16,7 +16,6 @@ class FaultyLink:
 
     Attributes:
         spared: resources beside the robot, such as ground truth: their calls always arrive.
-        lost: how many calls were lost.
 
     Thread: any.
     """

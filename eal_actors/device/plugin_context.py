@@ -97,7 +97,6 @@ class FleetServices:
 
     Attributes:
         seed: the fleet's seed; every random generator of a plugin must derive from it.
-        world: the fleet file's world, or None.
         open_port: opens simulated ports; None if there are none.
         open_camera: opens simulated cameras; None if there are none.
         proximity_observer: receives the gaps around simulated robots; set it before the robots connect.
@@ -147,7 +146,6 @@ class PluginContext:
     """The environment of a plugin.
 
     Attributes:
-        robot: the robot's name.
         instance: the plugin's instance name on that robot.
         settings: the plugin's checked `Settings`, or None if it has no such class.
         services: the shared objects of the fleet's plugins.
@@ -220,7 +218,6 @@ class OpenPlugins(ABC):
 
     Attributes:
         resources: the factories by the resources' final names.
-        errors: the errors of plugins that did not connect.
     """
 
     resources: Mapping[str, ResourceFactory]

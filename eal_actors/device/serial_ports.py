@@ -104,12 +104,7 @@ def _host_and_port(url: str) -> tuple[str, int]:
 
 @dataclass(frozen=True, slots=True)
 class PortHolder:
-    """A program that has a port open.
-
-    Attributes:
-        pid: its process.
-        program: its name.
-    """
+    """A program that has a port open."""
 
     pid: int
     program: str

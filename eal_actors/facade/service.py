@@ -36,7 +36,6 @@ class RobotService:
 
     Attributes:
         endpoints: the endpoints that it listens on, or of the routers that it connects to.
-        is_behind_router: whether it connects to routers.
         dead_man_trips: how often each resource was halted because its controller was silent.
 
     Raises:

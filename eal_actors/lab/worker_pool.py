@@ -32,8 +32,6 @@ class FinishedTask(Generic[T, R]):
     """A task that a worker has finished or lost.
 
     Attributes:
-        result: its result; None if it has none.
-        error: why it failed; None if it did not.
         has_crashed: whether its process died, or was killed because it took too long.
     """
 

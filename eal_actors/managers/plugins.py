@@ -121,7 +121,6 @@ class ConnectedPlugins(OpenPlugins):
 
     Attributes:
         resources: by final name.
-        errors: the errors of plugins that did not connect.
     """
 
     resources: Mapping[str, PluginResource]

@@ -89,7 +89,6 @@ class RunRecorder:
 
     Args:
         fleet: a connected fleet.
-        robots: the names of the robots that take part.
         directory: the run's folder, which must exist. The record of an interrupted run is appended to; call
             `repair_record` first. Without the mcap library, which is logged, there is no `run.mcap`.
         past: the record of a past that is repeated; poses only.

@@ -55,7 +55,6 @@ class MemoryOffer(NamedTuple):
         fd: descriptor in that process.
         inode: number of the file, which identifies the memory in messages too.
         token: content of its first bytes, as hexadecimal digits: proof that it is this controller's.
-        slots: number of the slots.
         slot_bytes: length of each, a whole number of pages.
     """
 
@@ -90,7 +89,6 @@ class SharedValue(NamedTuple):
 
     Attributes:
         inode: see MemoryOffer.
-        slot: number of the slot.
         number: state of the slot while it holds the value.
         length: length of the value in bytes.
     """
@@ -211,9 +209,6 @@ _SEALS: Final = fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_SEAL if h
 
 class PeerMemory:
     """The robot's end: writes values into free slots.
-
-    Args:
-        offer: the controller's memory.
 
     Raises:
         OSError: this process may not open it, or it is that of another machine or another process namespace.

@@ -47,9 +47,6 @@ def _nothing() -> None:
 class Localizer:
     """The pose estimate of one robot, by the odometry of one driver.
 
-    Args:
-        robot: the robot's name, for messages.
-
     Thread: any; nothing blocks.
     """
 

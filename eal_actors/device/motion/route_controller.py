@@ -43,10 +43,7 @@ class MotionLimits:
     """The limits of a motion, each over 0.
 
     Attributes:
-        speed_m_s: greatest speed.
-        turn_rate_rad_s: greatest turn rate.
         acceleration_m_s2: of the robot's centre.
-        turn_acceleration_rad_s2: of a turn in place.
         delay_s: from a pose to the effect of the twist that it causes.
     """
 

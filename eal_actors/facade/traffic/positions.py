@@ -33,7 +33,6 @@ class RobotPositions:
 
     Attributes:
         places: by the robot's name, where it is; of a robot that failed on its way, both ends of its last move.
-        radii_m: the robots' radii, by name.
         known: the robots that told their place when they were asked last.
     """
 

@@ -20,7 +20,6 @@ class RecordedInput:
     """The input of a run.
 
     Attributes:
-        scenario: its scenario, with the values of the parameters.
         binding: its robots and spares by role.
     """
 

@@ -42,7 +42,6 @@ class ScriptStep:
     """A step of a robot in a rehearsal; times are seconds since the rehearsal's start.
 
     Attributes:
-        path: its path in the scenario file.
         begin_s: when it had waited for other robots.
         has_goal: it drives to a place in the map frame, which corrects deviations; other motions keep them.
     """

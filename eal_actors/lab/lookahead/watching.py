@@ -73,7 +73,6 @@ class Lookahead:
     """Looks ahead inside its `with` block, once a second of the fleet's clock.
 
     Args:
-        robots: the names of the robots of the run.
         scripts: their scripts, from `rehearse_scripts`.
         on_look: called with the time of each look, by the fleet's clock, and all its findings. Thread: the
             look-ahead's own.

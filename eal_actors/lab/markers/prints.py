@@ -28,7 +28,6 @@ class BoardSize:
     Attributes:
         columns: squares along its long side.
         rows: squares along its short side.
-        square_m: side of a square.
     """
 
     columns: int = 7

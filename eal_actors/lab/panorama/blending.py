@@ -28,7 +28,6 @@ class PlacedFrame:
     """A placed frame.
 
     Attributes:
-        attitude: of the camera.
         gain: factor on its brightness.
     """
 

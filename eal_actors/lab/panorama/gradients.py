@@ -41,7 +41,6 @@ class Gradients:
 
     Attributes:
         right: gradient to the right, in grey levels per pixel, (h, w); 0 outside of the frame.
-        down: gradient down.
         reaches: 1 where both are known, else 0.
     """
 
@@ -106,7 +105,6 @@ class DoubtfulShift:
     """A shift that is too weak to be believed between strangers.
 
     Attributes:
-        shift: the offset.
         prominence: its correlation above the median of all shifts, less where odometry is far from it.
     """
 

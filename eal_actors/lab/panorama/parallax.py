@@ -122,7 +122,6 @@ class TurnedCamera(NamedTuple):
     """A camera on a robot that turns in place.
 
     Attributes:
-        lens: of the camera.
         parallax: its position, and the surroundings.
     """
 

@@ -38,7 +38,7 @@ from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.twins import simulated
 from eal_actors.recording.provenance import WORLD
 from eal_actors.scenario import Report, Scenario, make_plan
-from eal_actors.scenario.language.binding import Wishes
+from eal_actors.scenario.language.binding import Wishes, bound_robots
 
 MOST_SHRUNK: Final = 20
 """So many findings are shrunk; others have the same cause, as a rule."""
@@ -56,8 +56,6 @@ class ProofRequest:
     """A scenario to prove.
 
     Attributes:
-        scenario: the scenario, with the values of its parameters.
-        config: the fleet, as read from its file.
         binding: robots by role, as the user bound them; None if the scenario binds them.
         keep: plugins that move nothing real, and are not replaced by simulated ones.
         runs: the largest number of cases.

@@ -30,7 +30,6 @@ class SweepResult:
     Attributes:
         outcome: `done`, `failed` or `aborted`; REFUSED or CRASHED if the run did not end.
         duration_s: fleet seconds; None if the run did not end.
-        error: error message; empty if there is none.
         expected: whether each reached `expect` held every time, by its path.
         variables: last values of numbers, texts and booleans: variables of the run by name, of robots by `robot.name`.
     """

@@ -79,7 +79,6 @@ class Access:
 
     Attributes:
         token: proof of permission to command; None for no token.
-        operators: the operators of the fleet file, by name.
         names: the host names in the dashboard's certificate.
         asks_for_names: whether each user must be an operator.
     """

@@ -20,11 +20,9 @@ class StepAction:
 
     Attributes:
         label: the step in records, for people.
-        resource: the resource that it calls, or None.
         command: the text argument of the call, or None.
         is_begun: it has gone further than evaluating its expressions.
         began_s: when it began, in seconds since the run's start, if it had to wait for others first.
-        answer: the answer of a call, or None.
         late: outside of `on`, the robots that were at work when its time was up.
         role: outside of `on`, the role whose robots it moves, by its name in the main scenario; None for none.
         path: where the record keeps its readings; None if the step itself is in the record.

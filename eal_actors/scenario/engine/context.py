@@ -67,7 +67,6 @@ class RunContext:
         past: the steps of an interrupted block that were over; None if no run was interrupted, or it is repeated.
         keeps_files: whether the files outlive the run.
         open_parts: the scenarios under way as parts of others, with their contexts.
-        budget: the work that expressions may do.
         emergency: the reason of an emergency stop that ended the run; None without one.
     """
 

@@ -21,7 +21,6 @@ class RobotFacts:
     """The abilities of a robot.
 
     Attributes:
-        resources: the descriptions of its resources, by name.
         left_out: why resources may be missing; empty if none is.
     """
 

@@ -121,9 +121,6 @@ class RobotCheck:
     Args:
         robots: the abilities of the robots, by name.
         spares: the robots that may replace one in each role.
-
-    Attributes:
-        budget: the work that its expressions may do.
     """
 
     def __init__(

@@ -80,7 +80,6 @@ class CallKey(NamedTuple):
 
     Attributes:
         fleet: name of the fleet, any text.
-        robot: name of the robot.
         resource: name of the resource; ROBOT for the robot itself.
         method: one of RESOURCE_METHODS or ROBOT_METHODS.
         caller: name of the caller's certificate; ANYBODY in a fleet without security.

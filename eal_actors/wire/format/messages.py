@@ -147,7 +147,6 @@ class CallReply(NamedTuple):
 
     Attributes:
         sequence: number of the call; 0 if the robot could not decode the call.
-        answer: the answer.
         time: the robot's clock when it answered, if included.
     """
 

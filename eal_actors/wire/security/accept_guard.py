@@ -143,9 +143,6 @@ class AcceptGuard:
         connected: returns the IP addresses of all connections.
         linked: returns the IP addresses of the connections that are links.
 
-    Attributes:
-        refused: number of connections that it has closed.
-
     Thread: one of its own.
     """
 

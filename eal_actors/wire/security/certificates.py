@@ -51,7 +51,6 @@ class Certificate:
         hosts: host names and addresses of its owner; empty for an owner that only dials out.
         begins: begin of its validity, in UTC.
         expires: end of its validity, in UTC.
-        file: its path.
     """
 
     name: str

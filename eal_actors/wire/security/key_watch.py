@@ -22,7 +22,6 @@ class KeyWatch:
 
     Args:
         folder: the folder of keys; None watches nothing.
-        name: name of the pair.
 
     Thread: one at a time.
     """

@@ -203,10 +203,7 @@ class _PublishedStream:
     """One stream and its readers.
 
     Attributes:
-        key: key on which it is published.
-        spec: its rate and encoding.
         leases: by client, the real time at which its lease ends.
-        feed: source of its values.
     """
 
     def __init__(self, publisher: StreamPublisher, key: str, handle: ResourceHandle, spec: StreamSpec) -> None:

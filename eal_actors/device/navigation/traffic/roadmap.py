@@ -47,7 +47,6 @@ class Traveller:
     """A robot that is to drive.
 
     Attributes:
-        name: for messages.
         start: x and y in m, in the map frame.
         goal: x and y in m.
         radius_m: of its hull.
@@ -66,7 +65,6 @@ class StandingDisc:
     """A robot that does not travel, or an obstacle that is on no map.
 
     Attributes:
-        name: for messages.
         at: x and y in m, in the map frame.
         radius_m: of its hull.
     """
