@@ -14,7 +14,7 @@ from typing import Any, Final
 import cv2
 import numpy as np
 
-from eal_actors.kernel.errors import ConfigError, Problem, unwritable_error
+from eal_actors.kernel.errors import ConfigError, Problem, file_error, writing
 from eal_actors.lab.panorama.cylinder import Image
 from eal_actors.lab.panorama.stitching import Panorama
 
@@ -84,7 +84,7 @@ def folders_of_robots(run: Path) -> list[Path]:
         if folder.is_dir() and any(_is_picture(file) and file.name != PANORAMA for file in folder.iterdir())
     )
     if not found:
-        raise ConfigError([Problem(str(run), 0, 0, "", f"is a run in which no robot saved {' or '.join(PICTURES)}")])
+        raise file_error(run, f"is a run in which no robot saved {' or '.join(PICTURES)}")
     return found
 
 
@@ -95,13 +95,11 @@ def save_panorama(panorama: Panorama, file: Path) -> None:
         ConfigError: the file cannot be written.
     """
     done, content = cv2.imencode(file.suffix, cv2.cvtColor(panorama.image, cv2.COLOR_RGB2BGR))
-    try:
+    with writing(file):
         if not done:
             raise OSError(0, "OpenCV cannot encode it")
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(content.tobytes())
-    except OSError as error:
-        raise unwritable_error(file, error) from error
 
 
 def describe(panorama: Panorama, frames: CameraFrames) -> dict[str, Any]:
@@ -138,13 +136,13 @@ def _pictures(folder: Path, exclude: Collection[Path]) -> list[Path]:
     try:
         entries = list(folder.iterdir())
     except OSError as error:
-        raise ConfigError([Problem(str(folder), 0, 0, "", f"cannot be read: {error.strerror}")]) from error
+        raise file_error(folder, f"cannot be read: {error.strerror}") from error
     others = {file.resolve() for file in exclude}
     found = [file for file in entries if _is_picture(file) and file.resolve() not in others]
     if not found:
         below = sorted(entry.name for entry in entries if entry.is_dir() and any(map(_is_picture, entry.iterdir())))
         hint = f"; found in its folder{'s' * (len(below) > 1)} {', '.join(below)}" if below else ""
-        raise ConfigError([Problem(str(folder), 0, 0, "", f"holds no frames, {' or '.join(PICTURES)}{hint}")])
+        raise file_error(folder, f"holds no frames, {' or '.join(PICTURES)}{hint}")
     return sorted(found, key=lambda file: (_natural(file.name), file.name))
 
 
@@ -165,8 +163,7 @@ def _yaws(folder: Path, files: Sequence[Path]) -> list[float]:
     poses = [file.with_suffix(".json") for file in files]
     if not any(pose.is_file() for pose in poses):
         known = f"{', '.join(_TABLES)} or {poses[0].name}"
-        message = f"has no yaws: no {known}. Give the angle between frames (--step)"
-        raise ConfigError([Problem(str(folder), 0, 0, "", message)])
+        raise file_error(folder, f"has no yaws: no {known}. Give the angle between frames (--step)")
     problems: list[Problem] = []
     yaws_rad = [_from_pose(pose, file, problems) for pose, file in zip(poses, files, strict=True)]
     if problems:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -48,8 +47,9 @@ def stitch_run(context: StepContext, field_of_view_deg: float = 60.0, step_deg: 
             except (ArgumentError, ValueError) as error:  # ConfigError is a ValueError
                 problems.append(f"{name}: {error}")
             else:
-                left_out = _left_out(reports[name])
-                number = len(reports[name]["frames"])
+                frames = reports[name]["frames"]
+                left_out = [f"{frame['file']} {frame['left_out']}" for frame in frames if frame["left_out"]]
+                number = len(frames)
                 context.log(f"{name}: {number - len(left_out)} of {number} frames stitched into {PANORAMA}")
                 problems += [f"{name}: {reason}" for reason in left_out]
     if problems:
@@ -73,10 +73,6 @@ def _check_folder(folder: Path, field_of_view_deg: float, step_deg: float | None
     frames = read_frames(folder, None if step_deg is None else math.radians(step_deg))
     _, odd = check_frames(frames.images, frames.yaws_rad, math.radians(field_of_view_deg), frames.names)
     return {"frames": [{"file": name, "left_out": odd.get(number)} for number, name in enumerate(frames.names)]}
-
-
-def _left_out(report: Mapping[str, Any]) -> list[str]:
-    return [f"{frame['file']} {frame['left_out']}" for frame in report["frames"] if frame["left_out"]]
 
 
 stitch_run.safe_to_repeat = True  # type: ignore[attr-defined]  # it reads pictures and writes one

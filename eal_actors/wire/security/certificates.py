@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from eal_actors.kernel.clock import wall_time
-from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.errors import file_error
 from eal_actors.kernel.strict_model import NAME_PATTERN
 from eal_actors.managers.fleet_model import FleetConfig
 
@@ -130,7 +130,7 @@ def make_certificate(
     _require_cryptography()
     if not re.fullmatch(NAME_PATTERN, name) or len(name) > _MAX_NAME or name.lower() == AUTHORITY:
         rule = f"a letter, then letters, digits, '_', '.' or '-', at most {_MAX_NAME} in all, and not '{AUTHORITY}'"
-        raise _config_error(name, f"cannot be the name of a certificate, which is {rule}")
+        raise file_error(name, f"cannot be the name of a certificate, which is {rule}")
     return _issue(folder, folder, name, hosts, valid, force=force)
 
 
@@ -189,7 +189,7 @@ def list_certificates(folder: Path) -> list[Certificate]:
     """
     _require_cryptography()
     if not folder.is_dir():
-        raise _config_error(str(folder), "no such folder; `eal keys init` makes it")
+        raise file_error(str(folder), "no such folder; `eal keys init` makes it")
     found = [_summary(_read_certificate(file), file) for file in folder.glob("*.pem")]
     return sorted(found, key=lambda certificate: (certificate.name != AUTHORITY, certificate.name))
 
@@ -198,7 +198,7 @@ def _require_cryptography() -> None:
     try:
         import cryptography  # noqa: F401
     except ImportError:
-        raise _config_error("eal keys", "needs the package cryptography: pip install 'eal-actors[keys]'") from None
+        raise file_error("eal keys", "needs the package cryptography: pip install 'eal-actors[keys]'") from None
 
 
 def _new_key() -> EllipticCurvePrivateKey:
@@ -269,11 +269,11 @@ def _load_authority(folder: Path) -> tuple[x509.Certificate, EllipticCurvePrivat
     try:
         key = load_pem_private_key(file.read_bytes(), password=None)
     except FileNotFoundError:
-        raise _config_error(str(file), "is missing; `eal keys init` makes the fleet's authority") from None
+        raise file_error(str(file), "is missing; `eal keys init` makes the fleet's authority") from None
     except (OSError, ValueError, TypeError) as error:
-        raise _config_error(str(file), f"cannot be read as a private key: {error}") from error
+        raise file_error(str(file), f"cannot be read as a private key: {error}") from error
     if not isinstance(key, EllipticCurvePrivateKey):
-        raise _config_error(str(file), "is not a key that `eal keys init` made")
+        raise file_error(str(file), "is not a key that `eal keys init` made")
     return _read_certificate(certificate_file(folder, AUTHORITY)), key
 
 
@@ -283,7 +283,7 @@ def _read_certificate(file: Path) -> x509.Certificate:
     try:
         return x509.load_pem_x509_certificate(file.read_bytes())
     except (OSError, ValueError) as error:
-        raise _config_error(str(file), f"cannot be read as a certificate: {error}") from error
+        raise file_error(str(file), f"cannot be read as a certificate: {error}") from error
 
 
 def _write(
@@ -295,13 +295,13 @@ def _write(
     file, secret = certificate_file(folder, name), key_file(folder, name)
     existing = [str(path) for path in (secret, file) if path.exists()]
     if existing and not force:
-        raise _config_error(existing[0], "is there already; --force replaces it")
+        raise file_error(existing[0], "is there already; --force replaces it")
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         write_file(secret, key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()), 0o600)
         write_file(file, certificate.public_bytes(Encoding.PEM), 0o644)
     except OSError as error:
-        raise _config_error(str(folder), f"cannot be written: {error.strerror}") from error
+        raise file_error(str(folder), f"cannot be written: {error.strerror}") from error
     return _summary(certificate, file)
 
 
@@ -324,7 +324,3 @@ def _summary(certificate: x509.Certificate, file: Path) -> Certificate:
     else:
         hosts = tuple(str(name.value) for name in names)
     return Certificate(file.stem, hosts, certificate.not_valid_before_utc, certificate.not_valid_after_utc, file)
-
-
-def _config_error(place: str, reason: str) -> ConfigError:
-    return ConfigError([Problem(place, 0, 0, "", reason)])

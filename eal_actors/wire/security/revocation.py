@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from eal_actors.kernel.errors import ConfigError, Problem, unwritable_error
+from eal_actors.kernel.errors import ConfigError, Problem, file_error, writing
 from eal_actors.kernel.strict_model import NAME_PATTERN
 from eal_actors.managers.network_model import SecurityConfig
 from eal_actors.wire.security.certificates import write_file
@@ -34,7 +34,7 @@ def revoked_names(folder: Path) -> frozenset[str]:
     except FileNotFoundError:
         return frozenset()
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError([Problem(str(file), 0, 0, "", f"cannot be read: {error}")]) from error
+        raise file_error(file, f"cannot be read: {error}") from error
     problems = [
         Problem(str(file), number, 1, "", f"{line!r} is not the name of a certificate")
         for number, line in enumerate(lines, 1)
@@ -56,12 +56,10 @@ def revoke(folder: Path, names: Iterable[str]) -> frozenset[str]:
     file = folder / REVOKED
     wrong = sorted(name for name in names if not re.fullmatch(NAME_PATTERN, name))
     if wrong:
-        raise ConfigError([Problem(str(file), 0, 0, "", f"{wrong[0]!r} cannot be the name of a certificate")])
+        raise file_error(file, f"{wrong[0]!r} cannot be the name of a certificate")
     if names != known:
-        try:
+        with writing(file):
             write_file(file, "".join(f"{name}\n" for name in sorted(names)).encode(), 0o644)
-        except OSError as error:
-            raise unwritable_error(file, error) from error
     return names
 
 
@@ -69,7 +67,7 @@ def require_not_revoked(folder: Path, name: str) -> None:
     """Raise ConfigError if a name is revoked, since a new certificate of that name would have no rights either."""
     if name in revoked_names(folder):
         hint = f"{name} is revoked and stays so, since its old certificate is still valid: choose another name"
-        raise ConfigError([Problem(str(folder / REVOKED), 0, 0, "", hint)])
+        raise file_error(folder / REVOKED, hint)
 
 
 def without_revoked(security: SecurityConfig) -> SecurityConfig:
