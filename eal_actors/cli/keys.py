@@ -190,7 +190,7 @@ def show_keys(fleet: FleetOption, directory: DirOption = None, as_json: JsonOpti
     config = EALConfigManager.load(fleet).fleet
     folder = directory or folder_of(config)
     revoked = revoked_names(folder)
-    found = [
+    found: list[dict[str, Any]] = [
         {
             "name": certificate.name,
             "hosts": list(certificate.hosts),

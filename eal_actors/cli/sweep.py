@@ -126,7 +126,7 @@ def _run_sweep(console: Console, folder: SweepFolder, sweep: Sweep, processes: i
     log = (folder.path / LOG).resolve()
     try:
         with work_progress(console, "run", len(jobs), finished) as on_done:
-            for ended in run_all(tasks, perform, log, min(processes, max(1, len(waiting)))):
+            for ended in run_all(tasks, perform, log, processes):
                 job = by_folder[ended.task.directory]
                 if ended.error is not None:
                     outcome = CRASHED if ended.has_crashed else REFUSED

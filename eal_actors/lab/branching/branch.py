@@ -14,7 +14,7 @@ import yaml
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.lab.branching.past import RecordedInput, read_input
-from eal_actors.lab.proof.fleet_files import FAULTS, Content, fleet_content, injectable_faults, load_content
+from eal_actors.lab.proof.fleet_files import FAULTS, Content, fleet_content, injectable_faults, load_content, with_plan
 from eal_actors.lab.proof.trial import ends_before
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.recording import (
@@ -88,7 +88,8 @@ def branch(request: BranchRequest, runs_dir: Path) -> Branch:
         given = past.report.parameters.items()
         scenario = with_parameters(scenario, {key: value for key, value in given if key in scenario.file.parameters})
     changed = with_parameters(scenario, request.parameters).parameters  # checks them
-    content: Content = fleet_content(past.config, _world_file(request.run))
+    world = (request.run / WORLD).resolve()
+    content: Content = fleet_content(past.config, world if world.is_file() else None)
     start_s = _start_s(scenario, past)
     content = _without_faults(content, request.without, start_s + request.at_s)
     content = _with_faults(content, past.config, request.added, start_s + request.at_s)
@@ -176,7 +177,7 @@ def _ended(content: Content, robot: str, fault: str, at_s: float) -> Content:
         kept: list[dict[str, Any]] = []
         for one in settings[FAULTS]:
             kept += _split(one, fault, at_s) if one == entry else [one]
-        robots[owner] = _with_plan(robots[owner], instance, kept)
+        robots[owner] = with_plan(robots[owner], instance, kept)
     return {**content, "robots": robots}
 
 
@@ -198,13 +199,8 @@ def _with_faults(content: Content, config: FleetConfig, added: Mapping[str, Any]
             raise ScenarioError(f"{name!r}: faults can be injected into {', '.join(injectable) or 'no robot'}")
         instance = injectable[robot][0]
         plan = [*robots[robot]["plugins"][instance].get(FAULTS, ()), {"at_s": at_s, fault: value}]
-        robots[robot] = _with_plan(robots[robot], instance, plan)
+        robots[robot] = with_plan(robots[robot], instance, plan)
     return {**content, "robots": robots}
-
-
-def _with_plan(robot: Mapping[str, Any], instance: str, plan: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    plugins = {**robot["plugins"], instance: {**robot["plugins"][instance], FAULTS: list(plan)}}
-    return {**robot, "plugins": plugins}
 
 
 def _planned(content: Content) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
@@ -217,11 +213,6 @@ def _planned(content: Content) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
 
 def _keys(entry: Mapping[str, Any]) -> Iterator[str]:
     return (key for key in entry if key not in ("at_s", "until_s"))
-
-
-def _world_file(run: Path) -> Path | None:
-    file = (run / WORLD).resolve()
-    return file if file.is_file() else None
 
 
 def parse_fault(text: str) -> tuple[str, Any]:

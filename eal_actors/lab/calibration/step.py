@@ -92,7 +92,6 @@ def _summarize(measured: SquareEnds, fit: Fit) -> str:
 
 
 def _keep(folder: Path, name: str, measured: SquareEnds, found: Mapping[str, float]) -> None:
-    """Write the ends and the result into the robot's folder."""
     folder.mkdir(parents=True, exist_ok=True)
     write_square_ends(measured, folder / f"{name}.csv")
     (folder / f"{name}.json").write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
@@ -98,9 +98,14 @@ def with_faults(content: Content, faults: Iterable[InjectedFault]) -> Content:
         settings = robot["plugins"][fault.instance]
         times = {"at_s": fault.at_s} | ({} if fault.until_s is None else {"until_s": fault.until_s})
         planned = [*settings.get(FAULTS, ()), {**times, **fault.settings}]
-        plugins = {**robot["plugins"], fault.instance: {**settings, FAULTS: planned}}
-        robots[fault.robot] = {**robot, "plugins": plugins}
+        robots[fault.robot] = with_plan(robot, fault.instance, planned)
     return {**content, "robots": robots}
+
+
+def with_plan(robot: Mapping[str, Any], instance: str, plan: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return a robot whose simulating plugin has these planned faults in place of its own."""
+    plugins = {**robot["plugins"], instance: {**robot["plugins"][instance], FAULTS: list(plan)}}
+    return {**robot, "plugins": plugins}
 
 
 def load_content(content: Content, source: Path) -> FleetConfig:

@@ -9,7 +9,7 @@ from typing import Final
 
 from eal_actors.kernel.errors import DeadlineError
 from eal_actors.lab.proof.cases import KILLED, FaultCase
-from eal_actors.lab.proof.trial import Pose2D, Trial
+from eal_actors.lab.proof.trial import Trial
 from eal_actors.scenario import Report, Scenario, StepRecord
 from eal_actors.scenario.language.scenario import Step
 from eal_actors.scenario.language.values import RetryPolicy
@@ -177,8 +177,12 @@ def _check_outcome(trials: Trials) -> Iterator[Violation]:
 
 def _check_place(trials: Trials, name: str) -> Iterator[Violation]:
     here, there = (trials.trial.poses or {}).get(name), (trials.healthy.poses or {}).get(name)
-    if here is not None and there is not None and _is_elsewhere(here, there):
-        message = f"{name} is done, but stands {_apart(here, there)} from where it ends without the fault"
+    if here is None or there is None:
+        return
+    apart_m, turn_rad = math.dist(here[:2], there[:2]), abs(math.remainder(here[2] - there[2], math.tau))
+    if apart_m > _PLACE_M or turn_rad > _PLACE_RAD:
+        apart = f"{apart_m:.2f} m and {math.degrees(turn_rad):.0f} degrees"
+        message = f"{name} is done, but stands {apart} from where it ends without the fault"
         yield Violation("outcome", name, "", message)
 
 
@@ -186,16 +190,6 @@ def _was_skipped(step: StepRecord, healthy: Trial) -> bool:
     if step.outcome != "skipped" or healthy.report is None:
         return False
     return any(one.step == step.step and one.outcome == "done" for one in healthy.report.steps)
-
-
-def _is_elsewhere(one: Pose2D, other: Pose2D) -> bool:
-    turn_rad = abs(math.remainder(one[2] - other[2], 2 * math.pi))
-    return math.dist(one[:2], other[:2]) > _PLACE_M or turn_rad > _PLACE_RAD
-
-
-def _apart(one: Pose2D, other: Pose2D) -> str:
-    turn_deg = abs(math.degrees(math.remainder(one[2] - other[2], 2 * math.pi)))
-    return f"{math.dist(one[:2], other[:2]):.2f} m and {turn_deg:.0f} degrees"
 
 
 def _report(trials: Trials) -> Report:

@@ -261,7 +261,7 @@ class _CaseRunner:
         tasks = [task_of(self._content, case) for case in cases]
         numbers = {id(task): number for number, task in enumerate(tasks)}
         tried: dict[int, ProvenCase] = {}
-        with closing(run_all(tasks, self._perform, self._log, self._jobs(len(tasks)))) as ended:
+        with closing(run_all(tasks, self._perform, self._log, self._request.jobs)) as ended:
             for one in ended:
                 number = numbers[id(one.task)]
                 trial = one.result if isinstance(one.result, Trial) else None
@@ -288,7 +288,7 @@ class _CaseRunner:
             if one.cases[0].outcome != "crashed"
         ]
         least: dict[Path, LeastCase] = {}
-        with closing(run_all(tasks, self._perform, self._log, self._jobs(len(tasks)))) as ended:
+        with closing(run_all(tasks, self._perform, self._log, self._request.jobs)) as ended:
             for one in ended:
                 if isinstance(one.result, LeastCase):
                     least[one.task.folder] = one.result
@@ -297,9 +297,6 @@ class _CaseRunner:
             Finding(one.invariant, one.cases, least[path], path) if path in least else one
             for path, one in shrunk.items()
         ]
-
-    def _jobs(self, tasks: int) -> int:
-        return max(1, min(self._request.jobs, tasks))
 
 
 def group_findings(cases: Iterable[ProvenCase]) -> list[Finding]:

@@ -7,6 +7,7 @@ without a controller; the record is cut there; and the same robots perform what 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -131,7 +132,7 @@ def perform_trial(
         return replace(
             trial,
             touches=_touches(contacts, fleet, trial.start_s),
-            moved_m={name: _distance_m(before[name], after[name]) for name in before},
+            moved_m={name: math.dist(before[name][:2], after[name][:2]) for name in before},
             poses=before,
         )
 
@@ -198,7 +199,3 @@ def _true_poses(fleet: Fleet) -> dict[str, Pose2D]:
             x_m, y_m, yaw_rad = map(float, robot[_TRUE_POSE].get_value().get().value)
             found[name] = (x_m, y_m, yaw_rad)
     return found
-
-
-def _distance_m(one: Pose2D, other: Pose2D) -> float:
-    return float(((one[0] - other[0]) ** 2 + (one[1] - other[1]) ** 2) ** 0.5)

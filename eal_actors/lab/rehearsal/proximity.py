@@ -84,10 +84,10 @@ class ProximityRecorder:
                 self.nearest[robot] = seen
             if seen.gap_m < self.margin_m:
                 self._update_event(robot, seen)
-        for key in list(self._open):
-            partner = _partner(key, robot)
-            if partner is not None and gaps_m.get(partner, math.inf) >= self.margin_m:
-                self._closed.append(self._open.pop(key))
+        for one, other in [key for key in self._open if robot in key]:
+            partner = other if robot == one else one
+            if gaps_m.get(partner, math.inf) >= self.margin_m:
+                self._closed.append(self._open.pop((one, other)))
         return max(self.margin_m, self._nearest_m(robot))
 
     @property
@@ -108,9 +108,3 @@ class ProximityRecorder:
             return
         is_nearer = robot == known.robot and not known.is_hit and seen.gap_m < known.nearest.gap_m
         self._open[key] = ProximityEvent(known.robot, seen if is_nearer else known.nearest, known.start_s, seen.time_s)
-
-
-def _partner(key: tuple[str, str], robot: str) -> str | None:
-    """Return the other object of an open event, or None if the robot has no part in it."""
-    one, other = key
-    return other if robot == one else one if robot == other else None

@@ -166,7 +166,11 @@ class TopApp(App[None]):
 
     def _order(self, what: str, future: Future[Any]) -> None:
         self._orders.append((what, future))
-        future.add_done_callback(lambda _: self.call_later(self.refresh_fleet))  # in the thread that resolves it
+
+        def refresh(_: Future[Any]) -> None:  # in the thread that resolves the future
+            self.call_later(self.refresh_fleet)
+
+        future.add_done_callback(refresh)
 
     def _report_orders(self) -> None:
         for what, future in [order for order in self._orders if order[1].done()]:
