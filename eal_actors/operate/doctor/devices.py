@@ -11,10 +11,11 @@ import struct
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 from eal_actors.device.serial_ports import group_of, usb_id, user_name
 from eal_actors.kernel.posix import fcntl, grp
+from eal_actors.kernel.yaml_tree import texts_in
 from eal_actors.managers.fleet_model import PluginSettings, RobotConfig
 from eal_actors.managers.manifest import DeviceSection, PluginManifest
 from eal_actors.operate.doctor.diagnostic import Diagnostic, ok, problem, warning
@@ -84,22 +85,11 @@ def named_devices(robots: Iterable[RobotConfig], manifests: Mapping[str, PluginM
 def _devices_of(robot: str, plugin: PluginSettings, sections: Mapping[str, DeviceSection]) -> Iterator[NamedDevice]:
     for key, value in plugin.settings.items():
         section = sections.get(key, DeviceSection(setting=key))
-        paths = [text for text in _texts(value) if text.startswith("/dev/")]
+        paths = [text for text in texts_in(value) if text.startswith("/dev/")]
         if section.kind == "camera" and type(value) is int:
             paths.append(f"/dev/video{value}")
         for path in paths:
             yield NamedDevice(robot, Path(path), section.kind, section.usb, section.group)
-
-
-def _texts(value: Any) -> Iterator[str]:
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, Mapping):
-        for item in value.values():
-            yield from _texts(item)
-    elif isinstance(value, list | tuple):
-        for item in value:
-            yield from _texts(item)
 
 
 def check_devices(devices: Iterable[NamedDevice]) -> Iterator[Diagnostic]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from eal_actors.device.info import ResourceInfo, unknown_name
@@ -181,11 +181,7 @@ def _with_spares(scenario: Scenario, fleet: FleetConfig, fitting: Mapping[str, t
         roles[role] = tuple(names[: min(most, section.max or most)])
     at_work = {name for names in roles.values() for name in names}
     spares = {
-        role: tuple(_sorted_free(fitting[role], at_work, order))[: section.spares]
+        role: tuple(sorted(set(fitting[role]) - at_work, key=order.__getitem__))[: section.spares]
         for role, section in scenario.file.roles.items()
     }
     return Binding(roles, spares)
-
-
-def _sorted_free(names: Iterable[str], at_work: set[str], order: Mapping[str, int]) -> list[str]:
-    return sorted((name for name in names if name not in at_work), key=order.__getitem__)

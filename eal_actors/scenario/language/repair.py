@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.strict_model import model_of
-from eal_actors.kernel.yaml_tree import MarkedDict, MarkedList, YamlPath, YamlTree, parse_path
+from eal_actors.kernel.yaml_tree import MarkedDict, MarkedList, YamlPath, YamlTree, parse_path, replace_text
 from eal_actors.scenario.language.scenario import ScenarioFile
 
 _ROUNDS: Final = 20
@@ -53,7 +53,7 @@ class RepairedFile:
 
 def repair(tree: YamlTree, problems: Sequence[Problem]) -> RepairedFile | None:
     """Return a file made valid by the problems of its validation; None if that takes too long."""
-    copy = YamlTree(_clone(tree.root), tree.prefix)
+    copy = YamlTree(replace_text(tree.root, lambda text: text), tree.prefix)
     tried: dict[YamlPath, int] = {}
     names: set[str] = set()
     for _ in range(_ROUNDS):
@@ -113,18 +113,3 @@ def _words(value: object) -> Iterator[str]:
             yield from _words(item)
     elif isinstance(value, str):
         yield from _NAME.findall(value)
-
-
-def _clone(node: Any) -> Any:
-    """Return a copy of a part of a file, with its marks."""
-    if isinstance(node, MarkedDict):
-        copy = MarkedDict(node.mark)
-        for key, value, key_mark, value_mark in node.marked_items():
-            copy.put(key, _clone(value), key_mark, value_mark)
-        return copy
-    if isinstance(node, MarkedList):
-        items = MarkedList(node.mark)
-        for value, mark in zip(node, node.marks, strict=True):
-            items.put(_clone(value), mark)
-        return items
-    return node

@@ -16,12 +16,12 @@ from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.language.expressions import (
     MAX_WORK,
-    Expression,
+    LocatedExpression,
     Namespace,
     WorkBudget,
     evaluate,
     expressions_in,
-    parse_bare,
+    locate_expressions,
     parse_template,
 )
 from eal_actors.scenario.language.expressions.functions import CONSTANTS, FUNCTIONS
@@ -172,13 +172,10 @@ class ScopeCheck:
             for index, item in enumerate(value):
                 self.template(item, (*path, index), scope, static=static)
         elif isinstance(value, str) and "${" in value:
-            template = parse_template(value)
-            for flaw in template.flaws:
+            for flaw in parse_template(value).flaws:
                 self.report(path, flaw.message, inside=(value, flaw.offset))
-            for expression, offset in template.expressions():
-                self._variables(expression, path, scope, value, offset, static)
-                self._readings(expression, path, scope, value, offset, static)
-                self._constant(expression, path, value, offset)
+            for located in locate_expressions(path, value):
+                self._examine(located, scope, static)
 
     def expression(self, value: object, path: YamlPath, scope: Scope) -> None:
         """Check a value that is an expression without `${}`, or a list of them."""
@@ -186,36 +183,40 @@ class ScopeCheck:
             for index, item in enumerate(value):
                 self.expression(item, (*path, index), scope)
         elif isinstance(value, str):
-            expression, offset = parse_bare(value)
-            for flaw in expression.flaws:
-                self.report(path, flaw.message, inside=(value, offset + flaw.offset))
-            self._variables(expression, path, scope, value, offset, "", is_bare=True)
-            self._readings(expression, path, scope, value, offset, "")
-            self._constant(expression, path, value, offset)
+            for located in locate_expressions(path, value, is_bare=True):
+                for flaw in located.expression.flaws:
+                    self._report_at(located, flaw.offset, flaw.message)
+                self._examine(located, scope, is_bare=True)
 
-    def _constant(self, expression: Expression, path: YamlPath, text: str, offset: int) -> None:
+    def _report_at(self, located: LocatedExpression, offset: int, message: str) -> None:
+        self.report(located.keys, message, inside=(located.text, located.offset + offset))
+
+    def _examine(self, located: LocatedExpression, scope: Scope, static: str = "", *, is_bare: bool = False) -> None:
+        self._variables(located, scope, static, is_bare=is_bare)
+        for reading, offset in located.expression.readings:
+            if static:
+                message = f"{static} must be known before the run, and {reading} is not"
+                self._report_at(located, offset, message)
+            elif scope.role is None:
+                message = f"{reading} reads from a robot, so it must be in the 'do' of an 'on'"
+                self._report_at(located, offset, message)
+        self._constant(located)
+
+    def _constant(self, located: LocatedExpression) -> None:
         """Check that an expression without variables has a value."""
+        expression = located.expression
         if expression.flaws or not expression.is_constant or self._budget.is_spent():
             return
         try:
             with self._budget.applied():
                 evaluate(expression, Namespace({}))
         except EALError as error:
-            self.report(path, error.message, inside=(text, offset))
+            self._report_at(located, 0, error.message)
         if self._budget.is_spent():
-            self.report(path, self._budget.message(), inside=(text, offset))
+            self._report_at(located, 0, self._budget.message())
 
-    def _variables(
-        self,
-        expression: Expression,
-        path: YamlPath,
-        scope: Scope,
-        text: str,
-        offset: int,
-        static: str,
-        *,
-        is_bare: bool = False,
-    ) -> None:
+    def _variables(self, located: LocatedExpression, scope: Scope, static: str, *, is_bare: bool) -> None:
+        expression = located.expression
         saved = self.saved.get(None, set()) | self.saved.get(scope.role, set())
         known = scope.loops | self.constants | scope.facts | saved
         for name in expression.names:
@@ -224,24 +225,13 @@ class ScopeCheck:
                 message = f"unknown variable '{name.name}'{hint}"
                 if is_bare and expression.text.strip() == name.name:
                     message += f"; a text needs quotes of its own: \"'{name.name}'\""
-                self.report(path, message, inside=(text, offset + name.offset))
+                self._report_at(located, name.offset, message)
         unsure = [
             name for name in expression.names if name.name in known - scope.facts - self.constants - scope.static_loops
         ]
         if static and unsure:
             message = f"{static} must be known before the run, and '{unsure[0].name}' is assigned during it"
-            self.report(path, message, inside=(text, offset + unsure[0].offset))
-
-    def _readings(
-        self, expression: Expression, path: YamlPath, scope: Scope, text: str, offset: int, static: str
-    ) -> None:
-        for reading, at in expression.readings:
-            inside = (text, offset + at)
-            if static:
-                self.report(path, f"{static} must be known before the run, and {reading} is not", inside=inside)
-            elif scope.role is None:
-                message = f"{reading} reads from a robot, so it must be in the 'do' of an 'on'"
-                self.report(path, message, inside=inside)
+            self._report_at(located, unsure[0].offset, message)
 
     def is_static(self, value: object, scope: Scope) -> bool:
         """Return whether a value is known before the run."""

@@ -24,14 +24,18 @@ Text = Annotated[str, Field(min_length=1)]
 VariableName = Annotated[str, Field(pattern=VARIABLE_PATTERN)]
 
 
-def _refuse_empty(value: object) -> object:
-    if isinstance(value, list) and not value:
-        raise ValueError("is empty; it needs at least one item")
-    return value
+def not_empty(kind: type[list[Any] | dict[Any, Any]], needed: str) -> BeforeValidator:
+    """Return a replacement of `min_length`: pydantic reports that as violated too when only the items are wrong."""
+
+    def refuse_empty(value: object) -> object:
+        if isinstance(value, kind) and not value:
+            raise ValueError(f"is empty; it needs at least one {needed}")
+        return value
+
+    return BeforeValidator(refuse_empty)
 
 
-NOT_EMPTY: Final = BeforeValidator(_refuse_empty)
-"""Replaces `min_length`: pydantic reports that as violated too when only the items are wrong."""
+NOT_EMPTY: Final = not_empty(list, "item")
 MIN_ITEMS: Final[dict[str, Any]] = {"minItems": 1}
 
 
@@ -75,13 +79,9 @@ WholeExpression = Annotated[
 """A text that is one `${...}`. It becomes the value of the expression."""
 
 
-def _truth_in_words(value: object) -> object:
-    return {True: "true", False: "false"}[value] if isinstance(value, bool) else value
-
-
 ExpressionText = Annotated[
     str,
-    BeforeValidator(_truth_in_words),
+    BeforeValidator(lambda value: str(value).lower() if isinstance(value, bool) else value),
     Field(min_length=1, json_schema_extra={"type": ["string", "boolean"]}),
 ]
 """An expression without `${}`. `true` and `false` need no quotes."""
@@ -155,12 +155,9 @@ class RetryPolicy(StrictModel):
         return self.back_off_s * self.factor ** min(attempt - 1, 100)
 
 
-def _policy_kind(value: object) -> str:
-    return "RetryPolicy" if isinstance(value, Mapping | RetryPolicy) else "Action"
-
-
 OnFailure = Annotated[
-    Annotated[FailureAction, Tag("Action")] | Annotated[RetryPolicy, Tag("RetryPolicy")], Discriminator(_policy_kind)
+    Annotated[FailureAction, Tag("Action")] | Annotated[RetryPolicy, Tag("RetryPolicy")],
+    Discriminator(lambda value: "RetryPolicy" if isinstance(value, Mapping | RetryPolicy) else "Action"),
 ]
 """`abort` ends the run, `drop` continues without the robot, `skip` continues with the next step, `substitute` lets a
 spare of the role take the robot's place."""

@@ -39,13 +39,10 @@ def _refuse_other_than_one(value: object) -> object:
     return value
 
 
-def _values_kind(value: object) -> str:
-    return "expression" if isinstance(value, str) else "list"
-
-
 LoopList = Annotated[tuple[Value, ...], Field(strict=False, json_schema_extra=MIN_ITEMS), NOT_EMPTY]
 LoopValues = Annotated[
-    Annotated[LoopList, Tag("list")] | Annotated[WholeExpression, Tag("expression")], Discriminator(_values_kind)
+    Annotated[LoopList, Tag("list")] | Annotated[WholeExpression, Tag("expression")],
+    Discriminator(lambda value: "expression" if isinstance(value, str) else "list"),
 ]
 
 

@@ -133,9 +133,10 @@ class GoToStep(MapStep):
         check_driving(check, (*path, self.kind), here)
         if isinstance(self.go_to, PlaceArguments):
             where = (*path, self.kind, "place")
-            is_shared = len(check.regular(here)) > 1 and not here.values.loops and not here.values.guards
+            takes_turns = any(step.kind == "wait_for" for _, step in here.scenario.file.walk())  # to leave it
+            is_shared = len(check.regular(here)) > 1 and not (here.values.loops or here.values.guards or takes_turns)
             for _, _, (place,) in known_places(check, (self.go_to.place,), where, here):
-                if is_shared and not self._is_of_robot(here) and not _takes_turns(here):
+                if is_shared and not here.values.needs_facts(expressions_in(self.fields()["place"])):
                     message = f"several robots would go to one place, {place_words(place)}; give each its own: `places`"
                     check.report(here, where, message)
             return
@@ -147,10 +148,6 @@ class GoToStep(MapStep):
             for place in dict.fromkeys(place for place in places if places.count(place) > 1):
                 check.report(here, where, f"two robots would go to one place, {place_words(place)}")
 
-    def _is_of_robot(self, here: RobotScope) -> bool:
-        """Return whether the place differs from robot to robot."""
-        return here.values.needs_facts(expressions_in(self.fields()["place"]))
-
     @override
     def begin(
         self, run: RunContext, robot: Participant, resource: str, fields: Mapping[str, Any], timeout_s: float | None
@@ -158,8 +155,3 @@ class GoToStep(MapStep):
         if isinstance(self.go_to, PositionArguments):
             return super().begin(run, robot, resource, fields, timeout_s)
         return begin_trip(run, robot.handle, fields["place"], timeout_s)
-
-
-def _takes_turns(here: RobotScope) -> bool:
-    """Return whether the robots of a scenario wait for each other, so that one may leave before the next comes."""
-    return any(step.kind == "wait_for" for _, step in here.scenario.file.walk())

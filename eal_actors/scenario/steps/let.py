@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Annotated, Any, Final
 
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 from typing_extensions import override
 
 from eal_actors.kernel.strict_model import NAMES_ONLY
@@ -15,18 +15,11 @@ from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import bare_expressions, evaluate_bare
 from eal_actors.scenario.language.scenario import Keys, Show
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
-from eal_actors.scenario.language.values import Value, VariableName
+from eal_actors.scenario.language.values import Value, VariableName, not_empty
 from eal_actors.scenario.steps.base import FallibleStep
 
-
-def _refuse_empty(value: object) -> object:
-    if isinstance(value, dict) and not value:
-        raise ValueError("is empty; it needs at least one name")
-    return value
-
-
 _NAMED: Final[dict[str, Any]] = {**NAMES_ONLY, "minProperties": 1}
-Named = Annotated[dict[VariableName, Value], BeforeValidator(_refuse_empty), Field(json_schema_extra=_NAMED)]
+Named = Annotated[dict[VariableName, Value], not_empty(dict, "name"), Field(json_schema_extra=_NAMED)]
 
 
 class LetStep(FallibleStep):

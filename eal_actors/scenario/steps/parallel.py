@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, TypeAlias
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag
+from pydantic import Discriminator, Field, Tag
 from typing_extensions import override
 
 from eal_actors.kernel.errors import Problem
@@ -19,30 +19,19 @@ from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.engine.synchronization import find_meetings
 from eal_actors.scenario.language.scenario import Keys, Scenario, Show, Step, Steps
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
-from eal_actors.scenario.language.values import MIN_ITEMS, NOT_EMPTY, Text
+from eal_actors.scenario.language.values import MIN_ITEMS, NOT_EMPTY, Text, not_empty
 from eal_actors.scenario.language.wording import until_words
 from eal_actors.scenario.steps.base import BlockStep
-
-
-def _branches_kind(value: object) -> str:
-    return "named" if isinstance(value, Mapping) else "listed"
-
-
-def _refuse_no_branch(value: object) -> object:
-    if isinstance(value, Mapping) and not value:
-        raise ValueError("is empty; it needs at least one branch")
-    return value
-
 
 Branches: TypeAlias = Annotated[
     Annotated[tuple[Steps, ...], Field(strict=False, json_schema_extra=MIN_ITEMS), NOT_EMPTY, Tag("listed")]
     | Annotated[
         dict[Name, Steps],
-        BeforeValidator(_refuse_no_branch),
+        not_empty(dict, "branch"),
         Field(json_schema_extra={**NAMES_ONLY, "minProperties": 1}),
         Tag("named"),
     ],
-    Discriminator(_branches_kind),
+    Discriminator(lambda value: "named" if isinstance(value, Mapping) else "listed"),
 ]
 
 

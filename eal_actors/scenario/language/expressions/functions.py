@@ -48,16 +48,16 @@ def _shown_type(value: object) -> str:
     return names.get(type(value).__name__, f"a {type(value).__name__}")
 
 
-def _numbers(symbol: str, *values: object) -> None:
+def _numbers(name: str, *values: object) -> None:
     for value in values:
         if not isinstance(value, int | float):
-            raise RefusalError(f"'{symbol}' takes numbers, not {_shown_type(value)}")
+            raise RefusalError(f"{name} takes numbers, not {_shown_type(value)}")
 
 
-def _arithmetic(symbol: str, work: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    def apply(left: Any, right: Any) -> Any:
-        _numbers(symbol, left, right)
-        return _bounded(work(left, right))
+def _of_numbers(name: str, work: Callable[..., Any]) -> Callable[..., Any]:
+    def apply(*values: Any) -> Any:
+        _numbers(name, *values)
+        return _bounded(work(*values))
 
     return apply
 
@@ -71,12 +71,12 @@ def _add(left: Any, right: Any) -> Any:
         raise RefusalError(
             f"'+' takes two numbers, two texts or two lists, not {_shown_type(left)} and {_shown_type(right)}"
         )
-    _numbers("+", left, right)
+    _numbers("'+'", left, right)
     return _bounded(left + right)
 
 
 def _power(base: Any, exponent: Any) -> Any:
-    _numbers("**", base, exponent)
+    _numbers("'**'", base, exponent)
     if isinstance(base, int) and isinstance(exponent, int) and exponent * max(base.bit_length(), 1) > MAX_BITS:
         raise RefusalError(f"the result has more than {MAX_BITS} bits")
     result = base**exponent
@@ -102,44 +102,26 @@ def _within(item: Any, container: Any) -> bool:
     return item in container
 
 
-def _unary(symbol: str, work: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    def apply(value: Any) -> Any:
-        _numbers(symbol, value)
-        return work(value)
-
-    return apply
-
-
 OPERATORS: Final[Mapping[type[ast.AST], Callable[..., Any]]] = {
     ast.Add: _add,
-    ast.Sub: _arithmetic("-", operator.sub),
-    ast.Mult: _arithmetic("*", operator.mul),
-    ast.Div: _arithmetic("/", operator.truediv),
-    ast.FloorDiv: _arithmetic("//", operator.floordiv),
-    ast.Mod: _arithmetic("%", operator.mod),
+    ast.Sub: _of_numbers("'-'", operator.sub),
+    ast.Mult: _of_numbers("'*'", operator.mul),
+    ast.Div: _of_numbers("'/'", operator.truediv),
+    ast.FloorDiv: _of_numbers("'//'", operator.floordiv),
+    ast.Mod: _of_numbers("'%'", operator.mod),
     ast.Pow: _power,
-    ast.USub: _unary("-", operator.neg),
-    ast.UAdd: _unary("+", operator.pos),
+    ast.USub: _of_numbers("'-'", operator.neg),
+    ast.UAdd: _of_numbers("'+'", operator.pos),
     ast.Not: operator.not_,
     ast.Eq: operator.eq,
     ast.NotEq: operator.ne,
-    ast.Lt: _ordered("<", operator.lt),
-    ast.LtE: _ordered("<=", operator.le),
-    ast.Gt: _ordered(">", operator.gt),
-    ast.GtE: _ordered(">=", operator.ge),
+    ast.Lt: _ordered("'<'", operator.lt),
+    ast.LtE: _ordered("'<='", operator.le),
+    ast.Gt: _ordered("'>'", operator.gt),
+    ast.GtE: _ordered("'>='", operator.ge),
     ast.In: _within,
     ast.NotIn: lambda item, container: not _within(item, container),
 }
-
-
-def _of_numbers(name: str, work: Callable[..., Any]) -> Callable[..., Any]:
-    def apply(*values: Any) -> Any:
-        for value in values:
-            if not isinstance(value, int | float):
-                raise RefusalError(f"{name}() takes numbers, not {_shown_type(value)}")
-        return _bounded(work(*values))
-
-    return apply
 
 
 def _items(name: str, value: object) -> list[Any]:
@@ -191,14 +173,14 @@ def _best(name: str, choose: Callable[..., Any]) -> Callable[..., Any]:
         if not items:
             raise RefusalError(f"{name}() of an empty list has no value")
         if not all(isinstance(item, str) for item in items):
-            _numbers(name, *items)
+            _numbers(f"{name}()", *items)
         return choose(items)
 
     return apply
 
 
 def _round(value: Any, digits: Any = None) -> Any:
-    _numbers("round", value)
+    _numbers("round()", value)
     if digits is not None and (not isinstance(digits, int) or not -20 <= digits <= 20):
         raise RefusalError(f"round() takes a number of digits from -20 to 20, not {digits!r}")
     return round(value, digits)
@@ -206,7 +188,7 @@ def _round(value: Any, digits: Any = None) -> Any:
 
 def _sum(values: Any) -> Any:
     items = _items("sum", values)
-    _numbers("sum", *items)
+    _numbers("sum()", *items)
     return _bounded(sum(items))
 
 
@@ -238,29 +220,29 @@ def as_text(value: bool | int | float) -> str:
 
 
 FUNCTIONS: Final[Mapping[str, Function]] = {
-    "abs": Function(_of_numbers("abs", abs), 1, 1),
-    "atan2": Function(_of_numbers("atan2", math.atan2), 2, 2),
+    "abs": Function(_of_numbers("abs()", abs), 1, 1),
+    "atan2": Function(_of_numbers("atan2()", math.atan2), 2, 2),
     "bool": Function(bool, 1, 1),
-    "ceil": Function(_of_numbers("ceil", math.ceil), 1, 1),
-    "cos": Function(_of_numbers("cos", math.cos), 1, 1),
-    "degrees": Function(_of_numbers("degrees", math.degrees), 1, 1),
+    "ceil": Function(_of_numbers("ceil()", math.ceil), 1, 1),
+    "cos": Function(_of_numbers("cos()", math.cos), 1, 1),
+    "degrees": Function(_of_numbers("degrees()", math.degrees), 1, 1),
     "float": Function(_number(float), 1, 1),
-    "floor": Function(_of_numbers("floor", math.floor), 1, 1),
-    "hypot": Function(_of_numbers("hypot", math.hypot), 2, 3),
+    "floor": Function(_of_numbers("floor()", math.floor), 1, 1),
+    "hypot": Function(_of_numbers("hypot()", math.hypot), 2, 3),
     "int": Function(_number(int), 1, 1),
     "len": Function(_length, 1, 1),
     "max": Function(_best("max", max), 1, MAX_ITEMS),
     "min": Function(_best("min", min), 1, MAX_ITEMS),
-    "radians": Function(_of_numbers("radians", math.radians), 1, 1),
+    "radians": Function(_of_numbers("radians()", math.radians), 1, 1),
     "range": Function(_range, 1, 3),
     "repeated": Function(_repeated, 2, 2),
     "round": Function(_round, 1, 2),
-    "sin": Function(_of_numbers("sin", math.sin), 1, 1),
-    "sqrt": Function(_of_numbers("sqrt", math.sqrt), 1, 1),
+    "sin": Function(_of_numbers("sin()", math.sin), 1, 1),
+    "sqrt": Function(_of_numbers("sqrt()", math.sqrt), 1, 1),
     "str": Function(_text, 1, 1),
     "sum": Function(_sum, 1, 1),
-    "tan": Function(_of_numbers("tan", math.tan), 1, 1),
-    "wrap_deg": Function(_of_numbers("wrap_deg", _wrap_deg), 1, 1),
+    "tan": Function(_of_numbers("tan()", math.tan), 1, 1),
+    "wrap_deg": Function(_of_numbers("wrap_deg()", _wrap_deg), 1, 1),
 }
 
 CONSTANTS: Final[Mapping[str, object]] = {
