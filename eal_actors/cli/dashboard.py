@@ -57,8 +57,8 @@ def show_dashboard(
     `eal keys operator` the tokens of users with names and roles; `eal audit` shows what they commanded.
     """
     with needs_extra("dashboard", "the dashboard needs"):
+        from eal_actors.managers.network_model import is_loopback
         from eal_actors.operate.dashboard import Access, Dashboard
-        from eal_actors.operate.dashboard.access import is_loopback
         from eal_actors.operate.dashboard.tokens import new_token
     handle_signals()
     config = in_real_time(read_fleet(fleet))

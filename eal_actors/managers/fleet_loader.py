@@ -368,9 +368,6 @@ def _find(mark: Mark, target: str, kind: Kind) -> Path:
     except ConfigError as error:
         raise FileNotFoundError(error.problems[0].message) from None
     if not path.is_file():
-        raise FileNotFoundError(_no_such_file(path) + bundled_instead(path, kind))
+        hint = did_you_mean(path.name, [file.name for file in path.parent.glob("*.yaml")])
+        raise FileNotFoundError(f"no such file: {path}{hint}{bundled_instead(path, kind)}")
     return path
-
-
-def _no_such_file(path: Path) -> str:
-    return f"no such file: {path}{did_you_mean(path.name, [file.name for file in path.parent.glob('*.yaml')])}"

@@ -31,6 +31,7 @@ from eal_actors.managers.network_model import (
     NetworkConfig,
     NetworkSection,
     is_loopback,
+    parse_endpoint,
 )
 
 MAX_ROBOTS_OF_ONE_ENTRY = 10_000
@@ -287,7 +288,7 @@ class FleetConfig:
         addressed = [robot for name in robots if (robot := self.robots[name]).address is not None]
         own = [robot.listen or robot.address or "" for robot in addressed if robot.address != BEHIND_ROUTER]
         relays = self.network.routers if len(own) < len(addressed) else ()
-        return not all(map(is_loopback, (*own, *relays)))
+        return not all(is_loopback(parse_endpoint(endpoint).host) for endpoint in (*own, *relays))
 
 
 def robot_config(name: str, merged: MarkedDict, types: tuple[str, ...]) -> RobotConfig:

@@ -64,9 +64,8 @@ def parse_endpoint(text: str) -> Endpoint:
     return Endpoint(protocol, _host(host, text), int(port))
 
 
-def is_loopback(text: str) -> bool:
-    """Return whether only programs of the same machine reach an endpoint."""
-    host = parse_endpoint(text).host
+def is_loopback(host: str) -> bool:
+    """Return whether only programs of the same machine reach a host."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ipaddress
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 from eal_actors.kernel.errors import Problem
 from eal_actors.managers.fleet_model import RobotConfig
 from eal_actors.managers.manifest import DeviceSection, PluginManifest
-from eal_actors.managers.network_model import BEHIND_ROUTER, parse_endpoint
+from eal_actors.managers.network_model import BEHIND_ROUTER, is_loopback, parse_endpoint
 
 
 def shared_ports(robots: Iterable[RobotConfig], manifests: Mapping[str, PluginManifest]) -> Iterator[Problem]:
@@ -47,7 +46,4 @@ def _machine(robot: RobotConfig) -> str:
     if robot.address == BEHIND_ROUTER:
         return robot.name  # it may be anywhere
     host = parse_endpoint(robot.address).host
-    try:
-        return "" if ipaddress.ip_address(host).is_loopback else host
-    except ValueError:
-        return "" if host == "localhost" else host
+    return "" if is_loopback(host) else host

@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
-from eal_actors.device.world import Beacon, BoxObstacle, CircleObstacle, Drop, MovableBox, Poster, WorldModel
+from eal_actors.device.world import Beacon, BoxObstacle, CircleObstacle, Drop, MovableBox, WorldModel
 from eal_actors.kernel.log import get_logger
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def draw_arena(axes: Axes, world: WorldModel) -> None:
     for box in world.boxes:
         axes.add_patch(_rectangle(box, _BOX))
     for poster in world.posters:
-        axes.plot(*_strip(poster, width_m, depth_m), **_POSTER)
+        axes.plot(*zip(*poster.ends_m(world.size_m), strict=True), **_POSTER)
     _draw_starts(axes, world)
     for beacon in world.beacons:
         axes.plot([beacon.x_m], [beacon.y_m], color=[channel / 255 for channel in beacon.colour], **_BEACON)
@@ -121,14 +121,6 @@ def _rectangle(thing: BoxObstacle | MovableBox | Drop, style: _Style) -> Patch:
     along_m, across_m = thing.size_m
     corner = (thing.x_m - along_m / 2, thing.y_m - across_m / 2)
     return Rectangle(corner, along_m, across_m, angle=thing.yaw_deg, rotation_point="center", **style)
-
-
-def _strip(poster: Poster, width_m: float, depth_m: float) -> tuple[list[float], list[float]]:
-    """Return the xs and ys of a poster's two ends."""
-    along = [poster.at_m - poster.size_m[0] / 2, poster.at_m + poster.size_m[0] / 2]
-    if poster.wall in ("north", "south"):
-        return along, [math.copysign(depth_m / 2, 1 if poster.wall == "north" else -1)] * 2
-    return [math.copysign(width_m / 2, 1 if poster.wall == "east" else -1)] * 2, along
 
 
 def _draw_starts(axes: Axes, world: WorldModel) -> None:

@@ -64,6 +64,14 @@ class Poster(StrictModel):
     """Width and height."""
     texture: Name
 
+    def ends_m(self, room_m: tuple[float, float]) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Return x and y of its two ends, in a room of a width and depth."""
+        left_m, right_m = self.at_m - self.size_m[0] / 2, self.at_m + self.size_m[0] / 2
+        sign = 1 if self.wall in ("north", "east") else -1
+        if self.wall in ("north", "south"):
+            return (left_m, sign * room_m[1] / 2), (right_m, sign * room_m[1] / 2)
+        return (sign * room_m[0] / 2, left_m), (sign * room_m[0] / 2, right_m)
+
 
 class FloorItem(StrictModel):
     """A thing with a place on the floor."""

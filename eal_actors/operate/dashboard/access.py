@@ -13,19 +13,10 @@ from urllib.parse import urlsplit
 
 from eal_actors.kernel.errors import AccessDeniedError
 from eal_actors.managers.fleet_model import OperatorSection
+from eal_actors.managers.network_model import is_loopback
 from eal_actors.operate.dashboard.tokens import matches
 
 _NOBODY: Final = "scrypt:14:AAAAAAAAAAAAAAAAAAAAAA:"
-
-
-def is_loopback(host: str) -> bool:
-    """Return whether only this machine can reach a listening address."""
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
 
 
 class Role(IntEnum):

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import Any
 
-from eal_actors.device.world import BoxObstacle, CircleObstacle, Drop, MovableBox, Poster, WorldModel
+from eal_actors.device.world import BoxObstacle, CircleObstacle, Drop, MovableBox, WorldModel
 
 
 def world_map(world: WorldModel | None) -> dict[str, Any] | None:
@@ -22,7 +23,7 @@ def world_map(world: WorldModel | None) -> dict[str, Any] | None:
             *(_obstacle(obstacle) for obstacle in world.solid_obstacles),
             *(_box("box", box, name=box.name) for box in world.boxes),
         ],
-        "posters": [_poster_ends(poster, *world.size_m) for poster in world.posters],
+        "posters": [list(chain(*poster.ends_m(world.size_m))) for poster in world.posters],
         "keep_out": [list(zone) for zone in world.keep_out],
         "places": [{"x_m": place.x_m, "y_m": place.y_m, "name": name} for name, place in world.places.items()],
         "beacons": [
@@ -41,12 +42,3 @@ def _obstacle(obstacle: BoxObstacle | CircleObstacle) -> dict[str, Any]:
 def _box(kind: str, box: BoxObstacle | MovableBox | Drop, **more: str) -> dict[str, Any]:
     place = {"x_m": box.x_m, "y_m": box.y_m, "size_m": list(box.size_m), "yaw_deg": box.yaw_deg}
     return {"kind": kind, **place, **more}
-
-
-def _poster_ends(poster: Poster, width_m: float, depth_m: float) -> list[float]:
-    """Return x and y of a poster's two ends."""
-    left_m, right_m = poster.at_m - poster.size_m[0] / 2, poster.at_m + poster.size_m[0] / 2
-    sign = 1 if poster.wall in ("north", "east") else -1
-    if poster.wall in ("north", "south"):
-        return [left_m, sign * depth_m / 2, right_m, sign * depth_m / 2]
-    return [sign * width_m / 2, left_m, sign * width_m / 2, right_m]

@@ -15,8 +15,9 @@ from structlog.testing import capture_logs
 from websockets.exceptions import ConnectionClosed
 
 from eal_actors.kernel.errors import ConfigError
+from eal_actors.managers.network_model import is_loopback
 from eal_actors.operate.dashboard import Access, Dashboard
-from eal_actors.operate.dashboard.access import Role, is_loopback
+from eal_actors.operate.dashboard.access import Role
 from eal_actors.operate.dashboard.limits import COMMANDS_AT_ONCE, MAX_BROWSERS, MESSAGES_AT_ONCE, TokenBucket
 from tests.operate.dashboard.rig import WAIT_S, connect_to, counting_fleet, open_dashboard, page_of
 
