@@ -9,7 +9,7 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Final
 
-from eal_actors.recording.poses import PoseSample
+from eal_actors.recording.poses import PoseSample, index_at
 from eal_actors.recording.run_folder import RunFolder
 
 _IGNORED: Final = ("wall_", "host_")
@@ -76,18 +76,13 @@ def path_deviations(left: RunFolder, right: RunFolder) -> tuple[PathDeviation, .
 
 def _deviation(robot: str, one: Sequence[PoseSample], other: Sequence[PoseSample]) -> PathDeviation:
     times_s = sorted({sample.time_s for sample in (*one, *other)})
-    places = zip(times_s, _places(one, times_s), _places(other, times_s), strict=True)
-    most_m, most_s = max(((math.dist(a, b), time_s) for time_s, a, b in places), key=lambda found: found[0])
+    apart = ((math.dist(_place(one, time_s), _place(other, time_s)), time_s) for time_s in times_s)
+    most_m, most_s = max(apart, key=lambda found: found[0])
     return PathDeviation(robot, most_m, most_s, math.dist(one[-1][1:3], other[-1][1:3]))
 
 
-def _places(path: Sequence[PoseSample], times_s: Sequence[float]) -> Iterator[tuple[float, float]]:
-    """Yield the last known place at each time."""
-    index = 0
-    for time_s in times_s:
-        while index + 1 < len(path) and path[index + 1].time_s <= time_s:
-            index += 1
-        yield path[index].x_m, path[index].y_m
+def _place(path: Sequence[PoseSample], time_s: float) -> tuple[float, float]:
+    return path[index_at(path, time_s)][1:3]
 
 
 def first_difference(left: RunFolder, right: RunFolder, before_s: float = math.inf) -> Difference | None:

@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from eal_actors.device.world import CircleObstacle, WorldModel
+from eal_actors.device.world.geometry import corners
 from eal_actors.kernel.log import get_logger
 from eal_actors.recording.picture import COLOURS
-from eal_actors.recording.poses import PoseSample
+from eal_actors.recording.poses import PoseSample, index_at
 from eal_actors.recording.run_folder import RunFolder, folder_errors
 
 if TYPE_CHECKING:
@@ -96,7 +97,7 @@ class _Stage:
         draw = ImageDraw.Draw(picture)
         for number, path in enumerate(self._paths.values()):
             colour = COLOURS[number % len(COLOURS)]
-            last = max(bisect_right(path, time_s, key=attrgetter("time_s")) - 1, 0)
+            last = index_at(path, time_s)
             first = bisect_right(path, time_s - _TRAIL_S, hi=last, key=attrgetter("time_s"))
             trail = [self._pixel(sample.x_m, sample.y_m) for sample in path[first : last + 1]]
             draw.line(trail, fill=colour, width=2 * _SHARPNESS, joint="curve")
@@ -112,22 +113,15 @@ class _Stage:
         draw = ImageDraw.Draw(picture)
         if world is None:
             return picture
-        width_m, depth_m = world.size_m
-        draw.polygon(self._rectangle(0, 0, width_m, depth_m, 0), fill=_ROOM, outline=_INK, width=2 * _SHARPNESS)
+        half_x_m, half_y_m = (size_m / 2 for size_m in world.size_m)
+        room = [self._pixel(-half_x_m, half_y_m), self._pixel(half_x_m, -half_y_m)]
+        draw.rectangle(room, fill=_ROOM, outline=_INK, width=2 * _SHARPNESS)
         for thing in (*world.solid_obstacles, *world.boxes):
             if isinstance(thing, CircleObstacle):
                 self._draw_disc(draw, (thing.x_m, thing.y_m), thing.radius_m, _THING)
             else:
-                draw.polygon(self._rectangle(thing.x_m, thing.y_m, *thing.size_m, thing.yaw_deg), fill=_THING)
+                draw.polygon([self._pixel(*corner) for corner in corners(thing)], fill=_THING)
         return picture
-
-    def _rectangle(self, x_m: float, y_m: float, along_m: float, across_m: float, yaw_deg: float) -> list[_Point]:
-        cos, sin = math.cos(math.radians(yaw_deg)), math.sin(math.radians(yaw_deg))
-        corners = ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5))
-        return [
-            self._pixel(x_m + cos * a * along_m - sin * b * across_m, y_m + sin * a * along_m + cos * b * across_m)
-            for a, b in corners
-        ]
 
     def _draw_robot(self, draw: ImageDraw, sample: PoseSample, colour: str, *, is_hollow: bool) -> None:
         """Draw a disc with its heading; a hollow one for robots after the first eight, which repeat their colours."""

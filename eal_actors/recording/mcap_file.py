@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from struct import error as StructError  # noqa: N812  # named like the other errors
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from eal_actors.device.picture_log import Findings
 from eal_actors.kernel.errors import ScenarioError, UnsupportedError
@@ -117,35 +117,21 @@ class McapFile:
             ScenarioError: it is no MCAP file.
             OSError: it cannot be read, or this one cannot be written.
         """
-        from mcap.records import Attachment, Channel, Message, Metadata, Schema
+        from mcap.records import Attachment, Metadata
 
-        start_ns = 0
-        known: dict[int, MessageSchema] = {}
-        channels: dict[int, tuple[str, MessageSchema]] = {}
         with _errors_of(path):
             for record in _records(path):
                 match record:
-                    case Schema():
-                        known[record.id] = MessageSchema(record.name, json.loads(record.data))
-                    case Channel():
-                        channels[record.id] = record.topic, known[record.schema_id]
-                    case Message():
-                        topic, schema = channels[record.channel_id]
-                        if wanted(topic, (record.log_time - start_ns) / _NS):
-                            self._copy(topic, schema, record, self._start_ns - start_ns)
+                    case _StoredMessage() if wanted(record.topic, record.time_s):
+                        later_ns = self._start_ns - record.start_ns
+                        data = record.data
+                        if later_ns:
+                            data = _as_json(messages.shifted(json.loads(data), later_ns))
+                        self._add(record.topic, record.schema, record.log_ns + later_ns, data)
                     case Attachment():
                         self.attach(record.name, json.loads(record.data))
                     case Metadata():
                         self.add_metadata(record.name, record.metadata)
-                        if record.name == _CLOCK:
-                            start_ns = int(record.metadata[_START])
-
-    def _copy(self, topic: str, schema: MessageSchema, record: Any, later_ns: int) -> None:
-        """Append a message of another file, whose run started `later_ns` before ours."""
-        data = record.data
-        if later_ns:
-            data = _as_json(messages.shifted(json.loads(data), later_ns))
-        self._add(topic, schema, record.log_time + later_ns, data)
 
     def _schema(self, schema: MessageSchema) -> int:
         if schema.name not in self._schemas:
@@ -249,17 +235,11 @@ def read_findings(path: Path) -> Iterator[tuple[str, float, Findings]]:
         ScenarioError: it is no MCAP file.
         OSError: it cannot be read.
     """
-    from mcap.records import Channel, Message
-
-    channels: set[int] = set()
     with _errors_of(path):
         for record in _records(path):
-            match record:
-                case Channel() if record.topic == FINDINGS_TOPIC:
-                    channels.add(record.id)
-                case Message() if record.channel_id in channels:
-                    content = json.loads(record.data)
-                    yield content["camera"], content["stamp_s"], content["found"]
+            if isinstance(record, _StoredMessage) and record.topic == FINDINGS_TOPIC:
+                content = json.loads(record.data)
+                yield content["camera"], content["stamp_s"], content["found"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -303,32 +283,20 @@ def read_mcap(path: Path) -> McapContent:
         OSError: it cannot be read.
     """
     require_mcap()
-    from mcap.records import Attachment, Channel, Footer, Metadata, Schema
-    from mcap.records import Message as MessageRecord
+    from mcap.records import Attachment, Footer, Metadata
 
     content = McapContent()
-    names: dict[int, str] = {}
-    channels: dict[int, tuple[str, str]] = {}
-    start_ns = 0
     with _errors_of(path):
         for record in _records(path):
             match record:
-                case Schema():
-                    names[record.id] = record.name
-                    content.schemas[record.name] = json.loads(record.data)
-                case Channel():
-                    channels[record.id] = record.topic, names[record.schema_id]
-                case MessageRecord():
-                    topic, schema = channels[record.channel_id]
-                    message = messages.shifted(json.loads(record.data), -start_ns)
-                    time_s = (record.log_time - start_ns) / _NS
-                    content.messages.append(RecordedMessage(time_s, topic, schema, message))
+                case _StoredMessage(topic, (name, schema)):
+                    content.schemas[name] = schema
+                    message = messages.shifted(json.loads(record.data), -record.start_ns)
+                    content.messages.append(RecordedMessage(record.time_s, topic, name, message))
                 case Attachment():
                     content.attachments[record.name] = json.loads(record.data)
                 case Metadata():
                     content.metadata[record.name] = record.metadata
-                    if record.name == _CLOCK:
-                        start_ns = int(record.metadata[_START])
                 case Footer():
                     content.is_complete = True
     return content
@@ -345,16 +313,43 @@ def is_whole(path: Path) -> bool:
         return stream.read() == _MAGIC
 
 
-def _records(path: Path) -> Iterator[McapRecord]:
-    """Yield the readable records of a file."""
+class _StoredMessage(NamedTuple):
+    """A message in a file, with the start of its run there; both times count from 1970."""
+
+    topic: str
+    schema: MessageSchema
+    start_ns: int
+    log_ns: int
+    data: bytes
+
+    @property
+    def time_s(self) -> float:
+        """Seconds since the run's start."""
+        return (self.log_ns - self.start_ns) / _NS
+
+
+def _records(path: Path) -> Iterator[_StoredMessage | McapRecord]:
+    """Yield the readable records of a file, its messages with what the records before them say."""
     from mcap.exceptions import EndOfFile
+    from mcap.records import Channel, Message, Metadata, Schema
     from mcap.stream_reader import StreamReader
 
-    with path.open("rb") as stream:
-        try:
-            yield from StreamReader(stream).records
-        except (EndOfFile, StructError):
-            return
+    start_ns = 0
+    known: dict[int, MessageSchema] = {}
+    channels: dict[int, tuple[str, MessageSchema]] = {}
+    with path.open("rb") as stream, suppress(EndOfFile, StructError):
+        for record in StreamReader(stream).records:
+            match record:
+                case Schema():
+                    known[record.id] = MessageSchema(record.name, json.loads(record.data))
+                case Channel():
+                    channels[record.id] = record.topic, known[record.schema_id]
+                case Message():
+                    yield _StoredMessage(*channels[record.channel_id], start_ns, record.log_time, record.data)
+                case _:
+                    if isinstance(record, Metadata) and record.name == _CLOCK:
+                        start_ns = int(record.metadata[_START])
+                    yield record
 
 
 @contextmanager

@@ -200,7 +200,8 @@ def command_message(record: Mapping[str, Any]) -> Message:
 
 def scene_message(world: WorldModel) -> Message:
     """Return a SceneUpdate of an arena at its start: walls, obstacles, boxes, beacons and drops."""
-    cubes = [*_walls(world), *(_cube(part, part.height_m, _GREY) for part in _boxes(world))]
+    boxes = [part for part in world.solid_obstacles if isinstance(part, BoxObstacle)]
+    cubes = [*_walls(world), *(_cube(box, box.height_m, _GREY) for box in boxes)]
     cubes += [_cube(box, box.height_m, _WOOD) for box in world.boxes]
     cubes += [_cube(drop, _FLOOR_M, _HOLE) for drop in world.drops]
     pillars = [part for part in world.solid_obstacles if not isinstance(part, BoxObstacle)]
@@ -243,10 +244,6 @@ def _entity(
         "texts": texts,
         **{shape: [] for shape in UNUSED_SHAPES},
     }
-
-
-def _boxes(world: WorldModel) -> Iterable[BoxObstacle]:
-    return (part for part in world.solid_obstacles if isinstance(part, BoxObstacle))
 
 
 _WALL_M: Final = 0.05

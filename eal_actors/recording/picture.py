@@ -5,14 +5,13 @@ from __future__ import annotations
 import io
 import math
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from operator import attrgetter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self, TypeAlias, TypeVar
 
 from eal_actors.device.world import WorldModel
 from eal_actors.recording.arena import draw_arena, draw_grid, new_figure
-from eal_actors.recording.poses import PoseSample, split_at_breaks
+from eal_actors.recording.poses import PoseSample, index_at, split_at_breaks
 from eal_actors.recording.run_folder import RunFolder, folder_errors
 from eal_actors.scenario.report.summary import Report
 
@@ -206,7 +205,8 @@ def _draw_path(axes: Axes, name: str, parts: Sequence[Sequence[PoseSample]], sty
         [end.x_m], [end.y_m], marker=style.marker, color=style.colour, linestyle=style.dashes, markersize=9, label=label
     )
     if style.lost_as:
-        there = _at([sample for part in parts for sample in part], style.lost_s)
+        path = [sample for part in parts for sample in part]
+        there = path[index_at(path, style.lost_s)]
         _cross(axes, there.x_m, there.y_m)
     axes.annotate(
         "",
@@ -224,16 +224,13 @@ def _draw_arrows(axes: Axes, path: Sequence[PoseSample], colour: str) -> None:
     axes.quiver(xs, ys, *ahead, color=colour, **_SMALL_ARROW)
 
 
-def _at(samples: Sequence[PoseSample], time_s: float) -> PoseSample:
-    """Return the last sample until a time; the first one if there is none."""
-    return samples[max(0, bisect_right(samples, time_s, key=attrgetter("time_s")) - 1)]
-
-
 def _draw_heading(axes: Axes, parts: Sequence[Sequence[PoseSample]], style: _RobotStyle) -> None:
+    import numpy as np
+
     drawn: list[tuple[float, float]] = []
     for part in parts:
         times_s = [sample.time_s for sample in part]
-        headings_deg = [math.degrees(yaw_rad) for yaw_rad in _unwrapped(sample.yaw_rad for sample in part)]
+        headings_deg = np.degrees(np.unwrap([sample.yaw_rad for sample in part]))
         axes.plot(times_s, headings_deg, color=style.colour, linestyle=style.dashes, linewidth=1.8)
         drawn += zip(times_s, headings_deg, strict=True)
     axes.plot(*drawn[-1], style.marker, color=style.colour, markersize=6)
@@ -254,14 +251,3 @@ def tick_quarter_turns(axes: Axes) -> None:
     while high_deg - low_deg > step_deg * _MOST_TICKS:
         step_deg *= 2
     axes.yaxis.set_major_locator(MultipleLocator(step_deg))
-
-
-def _unwrapped(angles_rad: Iterable[float]) -> Iterator[float]:
-    """Yield the angles without jumps between -π and π."""
-    previous: float | None = None
-    for angle_rad in angles_rad:
-        if previous is None:
-            previous = angle_rad
-        else:
-            previous += (angle_rad - previous + math.pi) % (2 * math.pi) - math.pi
-        yield previous

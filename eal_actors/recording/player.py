@@ -54,12 +54,8 @@ def player_data(run: RunFolder, line: RunTimeline, picture: MapPicture | None) -
 
 
 def _columns(path: Sequence[PoseSample]) -> dict[str, list[float]]:
-    return {
-        "t": [round(sample.time_s, 3) for sample in path],
-        "x": [round(sample.x_m, 3) for sample in path],
-        "y": [round(sample.y_m, 3) for sample in path],
-        "yaw": [round(sample.yaw_rad, 3) for sample in path],
-    }
+    columns = zip(("t", "x", "y", "yaw"), zip(*path, strict=True), strict=True)
+    return {name: [round(number, 3) for number in column] for name, column in columns}
 
 
 def _moving(path: Sequence[PoseSample]) -> Iterator[PoseSample]:

@@ -53,6 +53,11 @@ def pose_sample(pose: ResourceHandle, data: EALData, clock: Clock) -> PoseSample
     return PoseSample(data.stamp_s if data.stamp_s is not None else clock.now(), *map(float, data.value))
 
 
+def index_at(path: Sequence[PoseSample], time_s: float) -> int:
+    """Return the index of the last sample of a path until a time; 0 if there is none."""
+    return max(bisect_right(path, time_s, key=attrgetter("time_s")) - 1, 0)
+
+
 def split_at_breaks(path: Sequence[PoseSample], breaks_s: Sequence[float]) -> list[Sequence[PoseSample]]:
     """Split a path at the times at which its run was resumed: nothing is known between two parts."""
     parts, first = [], 0
@@ -102,8 +107,8 @@ class PoseRecorder(ExitStack):
         """
         paths = {}
         for name, path in self._paths.items():
-            first = max(bisect_right(path, start_s, key=attrgetter("time_s")) - 1, 0)
-            paths[name] = [sample._replace(time_s=max(sample.time_s - start_s, 0.0)) for sample in path[first:]]
+            samples = path[index_at(path, start_s) :]
+            paths[name] = [sample._replace(time_s=max(sample.time_s - start_s, 0.0)) for sample in samples]
         return paths
 
 
