@@ -21,14 +21,17 @@ def is_picture(c_type: CType, shape: tuple[int, ...] | None) -> bool:
     return all(0 < side <= _MAX_SIDE for side in shape[:2]) and shape[2:] in ((), (1,), (3,))
 
 
-def picture_png(pixels: bytes | memoryview, shape: tuple[int, ...] | None) -> bytes:
-    """Return a picture, rows from the top, as a PNG file; its shape is rows, columns, and channels unless grey."""
+def picture_png(pixels: bytes | memoryview, shape: tuple[int, ...] | None, level: int = 1) -> bytes:
+    """Return a picture, rows from the top, as a PNG file; its shape is rows, columns, and channels unless grey.
+
+    `level` is that of zlib, from 0 for no compression to 9.
+    """
     assert shape is not None  # noqa: S101  # `is_picture`
     rows, columns, channels = (*shape, 1)[:3]
     content, width = bytes(pixels), columns * channels
     lines = b"".join(b"\0" + content[row * width : (row + 1) * width] for row in range(rows))
     header = struct.pack(">IIBBBBB", columns, rows, 8, _COLOURS[channels], 0, 0, 0)
-    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(lines, 1)), (b"IEND", b""))
+    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(lines, level)), (b"IEND", b""))
     return _SIGNATURE + b"".join(map(_chunk, *zip(*chunks, strict=True)))
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import csv
 import math
-import struct
-import zlib
 from collections.abc import Callable, Sequence
 from collections.abc import Set as AbstractSet
 from functools import cache
@@ -13,6 +11,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Final, TypeAlias
 
 from eal_actors.device.data import DataType, EALData
+from eal_actors.device.data.pictures import picture_png
 from eal_actors.device.info import ValueInfo
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.kernel.suggestions import did_you_mean
@@ -25,7 +24,6 @@ APPENDED: Final = (".csv",)
 MAX_COLUMNS: Final = 1000
 _NO_IMAGE: Final = "no image of (h, w, 3) unsigned bytes"
 _NO_ROW: Final = "no row of a table"
-_PNG: Final = b"\x89PNG\r\n\x1a\n"
 
 
 ImageWriter: TypeAlias = Callable[[Path, Any], None]
@@ -174,16 +172,7 @@ def image_writer() -> ImageWriter | None:
 
 def _write_stored(path: Path, image: Any) -> None:
     """Write a PNG without compression: compressing pictures that nobody keeps took 40 % of the time of a proof."""
-    height, width, _ = image.shape
-    rows = b"".join(b"\0" + row.tobytes() for row in image)  # each row begins with its filter: none
-    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)  # 8 bits, red, green and blue
-    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(rows, 0)), (b"IEND", b""))
-    content = (struct.pack(">I", len(data)) + kind + data + _checksum(kind + data) for kind, data in chunks)
-    path.write_bytes(b"".join((_PNG, *content)))
-
-
-def _checksum(content: bytes) -> bytes:
-    return struct.pack(">I", zlib.crc32(content))
+    path.write_bytes(picture_png(image.tobytes(), image.shape, level=0))
 
 
 def _matplotlib_writer() -> ImageWriter | None:

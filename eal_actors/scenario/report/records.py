@@ -86,7 +86,7 @@ def _mapping_to_json(value: Mapping[Any, Any]) -> dict[str, Any] | None:
 def plain_json(value: Any) -> Any:
     """Return a value for strict JSON: "NaN", "Infinity" and "-Infinity" as texts, and the value of EALData."""
     if isinstance(value, float):
-        return value if math.isfinite(value) else _number_text(value)
+        return value if math.isfinite(value) else json.dumps(value)
     if isinstance(value, Mapping):
         return {key: plain_json(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -94,10 +94,6 @@ def plain_json(value: Any) -> Any:
     if isinstance(value, EALData):
         return plain_json(value.value)
     return plain_json(value.tolist()) if hasattr(value, "tolist") else value
-
-
-def _number_text(value: float) -> str:
-    return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
 
 
 def as_json(
