@@ -63,10 +63,10 @@ class BaseHandle(PartHandle):
     def go_to(
         self, x_m: float, y_m: float, yaw_deg: float | None = None, *, timeout_s: float = MOTION_TIMEOUT_S
     ) -> Call[int]:
-        """Drive to a place, in a straight line; then turn to a heading, if one is given.
+        """Drive to a place in the map frame, in a straight line; then turn to a heading, if one is given.
 
-        The future fails with BlockedError if something is in the way for 5 s, and with LocalizationError if the pose is
-        too old or too uncertain; the robot stands then.
+        It fails with BlockedError if something is in the way for 5 s, and with LocalizationError if the pose is too old
+        or too uncertain; the robot stands then.
         """
         goal = [float(x_m), float(y_m)] + ([] if yaw_deg is None else [math.radians(yaw_deg)])
         return self.resource.send_cmd("goto", goal, timeout_s=timeout_s)

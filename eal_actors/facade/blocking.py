@@ -2,29 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Generic, TypeVar
+import inspect
+from collections.abc import Callable
+from functools import wraps
+from typing import TYPE_CHECKING, Concatenate, Generic, ParamSpec, TypeVar
 
-from eal_actors.actors.future import get_or_cancel
+from eal_actors.actors.future import Future, get_or_cancel
 from eal_actors.actors.part_handles import (
-    MOTION_TIMEOUT_S,
     BaseHandle,
     CameraHandle,
     PoseHandle,
     SensorHandle,
     TurretHandle,
 )
-from eal_actors.device.localization.pose_estimate import PoseEstimate
 
 if TYPE_CHECKING:
     from eal_actors.actors.handles import RobotHandle
-    from eal_actors.actors.part_handles import Distances, Image
+    from eal_actors.actors.part_handles import Distances
 
+H = TypeVar("H")
+P = ParamSpec("P")
 T = TypeVar("T")
-P = TypeVar("P")
 
 
-class _Part(Generic[P]):
+class _Part(Generic[H]):
     """A part of a connected robot.
 
     Args:
@@ -33,45 +34,37 @@ class _Part(Generic[P]):
 
     __slots__ = ("_find",)
 
-    def __init__(self, find: Callable[[], P]) -> None:
+    def __init__(self, find: Callable[[], H]) -> None:
         self._find = find
 
 
+def _waiting(method: Callable[Concatenate[H, P], Future[T]]) -> Callable[Concatenate[_Part[H], P], T]:
+    """Return the twin of a handle's method: with the same arguments, it waits for the value."""
+
+    @wraps(method)
+    def wait(part: _Part[H], /, *args: P.args, **kwargs: P.kwargs) -> T:
+        return get_or_cancel(method(part._find(), *args, **kwargs))  # noqa: SLF001  # a method of it
+
+    signature = inspect.signature(method)
+    returns = signature.return_annotation.partition("[")[2].removesuffix("]")  # of `Future[...]`
+    wait.__signature__ = signature.replace(return_annotation=returns)  # type: ignore[attr-defined]  # for `help`
+    return wait
+
+
 class BlockingBase(_Part[BaseHandle]):
-    """A base with two driven wheels or tracks; see BaseHandle. Each call waits for the end of its motion."""
+    """A base with two driven wheels or tracks; see BaseHandle. Each call waits for the end of its motion.
+
+    Thread: any may call `stop` while another waits for a motion.
+    """
 
     __slots__ = ()
 
-    def drive(self, distance_m: float, *, timeout_s: float = MOTION_TIMEOUT_S) -> int:
-        """Drive straight by a distance; back if it is negative."""
-        return get_or_cancel(self._find().drive(distance_m, timeout_s=timeout_s))
-
-    def turn(self, angle_deg: float, *, timeout_s: float = MOTION_TIMEOUT_S) -> int:
-        """Turn in place by an angle: to the left, or to the right if it is negative."""
-        return get_or_cancel(self._find().turn(angle_deg, timeout_s=timeout_s))
-
-    def go_to(
-        self, x_m: float, y_m: float, yaw_deg: float | None = None, *, timeout_s: float = MOTION_TIMEOUT_S
-    ) -> int:
-        """Drive to a place in the map frame, in a straight line; then turn to a heading, if one is given.
-
-        Raises:
-            BlockedError: something is in the way for 5 s.
-            LocalizationError: the pose is too old or too uncertain.
-        """
-        return get_or_cancel(self._find().go_to(x_m, y_m, yaw_deg, timeout_s=timeout_s))
-
-    def follow(self, path: Iterable[tuple[float, float]], *, timeout_s: float = MOTION_TIMEOUT_S) -> int:
-        """Drive along waypoints (x_m, y_m) to the last one; it turns in place at corners. Raises as `go_to`."""
-        return get_or_cancel(self._find().follow(path, timeout_s=timeout_s))
-
-    def set_velocity(self, speed_m_s: float, turn_rate_deg_s: float = 0.0) -> int:
-        """Drive at a speed and a turn rate for the base's `twist_timeout_s`, 0.5 s by default; then stop."""
-        return get_or_cancel(self._find().set_velocity(speed_m_s, turn_rate_deg_s))
-
-    def stop(self, *, timeout_s: float | None = None) -> int:
-        """Stop at once, before everything that waits. Thread: any, while another waits for a motion."""
-        return get_or_cancel(self._find().stop(timeout_s=timeout_s))
+    drive = _waiting(BaseHandle.drive)
+    turn = _waiting(BaseHandle.turn)
+    go_to = _waiting(BaseHandle.go_to)
+    follow = _waiting(BaseHandle.follow)
+    set_velocity = _waiting(BaseHandle.set_velocity)
+    stop = _waiting(BaseHandle.stop)
 
 
 class BlockingTurret(_Part[TurretHandle]):
@@ -79,21 +72,10 @@ class BlockingTurret(_Part[TurretHandle]):
 
     __slots__ = ()
 
-    def get(self, *, timeout_s: float | None = None) -> float:
-        """Return its angle from straight ahead, in degrees."""
-        return get_or_cancel(self._find().get(timeout_s=timeout_s))
-
-    def turn(self, angle_deg: float, *, timeout_s: float = MOTION_TIMEOUT_S) -> int:
-        """Turn by an angle."""
-        return get_or_cancel(self._find().turn(angle_deg, timeout_s=timeout_s))
-
-    def turn_to(self, angle_deg: float, *, timeout_s: float = MOTION_TIMEOUT_S) -> int:
-        """Turn to an angle from straight ahead, in the shorter direction."""
-        return get_or_cancel(self._find().turn_to(angle_deg, timeout_s=timeout_s))
-
-    def stop(self, *, timeout_s: float | None = None) -> int:
-        """Stop at once."""
-        return get_or_cancel(self._find().stop(timeout_s=timeout_s))
+    get = _waiting(TurretHandle.get)
+    turn = _waiting(TurretHandle.turn)
+    turn_to = _waiting(TurretHandle.turn_to)
+    stop = _waiting(TurretHandle.stop)
 
 
 class BlockingPose(_Part[PoseHandle]):
@@ -101,13 +83,8 @@ class BlockingPose(_Part[PoseHandle]):
 
     __slots__ = ()
 
-    def get(self, *, timeout_s: float | None = None) -> PoseEstimate:
-        """Return the pose with its covariance and its time."""
-        return get_or_cancel(self._find().get(timeout_s=timeout_s))
-
-    def set(self, x_m: float, y_m: float, yaw_deg: float, *, timeout_s: float | None = None) -> int:
-        """Set the estimate: the robot is there now."""
-        return get_or_cancel(self._find().set(x_m, y_m, yaw_deg, timeout_s=timeout_s))
+    get = _waiting(PoseHandle.get)
+    set = _waiting(PoseHandle.set)
 
 
 class BlockingCamera(_Part[CameraHandle]):
@@ -115,9 +92,7 @@ class BlockingCamera(_Part[CameraHandle]):
 
     __slots__ = ()
 
-    def frame(self, *, timeout_s: float | None = None) -> Image:
-        """Return a new picture: RGB, shape (height, width, 3), rows from the top."""
-        return get_or_cancel(self._find().frame(timeout_s=timeout_s))
+    frame = _waiting(CameraHandle.frame)
 
 
 class BlockingSensor(_Part[SensorHandle[T]], Generic[T]):
