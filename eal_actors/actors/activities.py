@@ -221,12 +221,9 @@ class ActivityActor(EALActor):
         motion = self._motion
         return [*self._exchanges, *([motion] if motion is not None else [])]
 
-    def _is_running(self, run: _ActivityRun) -> bool:
-        return run is self._motion or run is self._background or run in self._exchanges
-
     def _step(self, run: _ActivityRun) -> None:
         """Run an activity up to its next yield."""
-        if not self._is_running(run):
+        if not (run is self._motion or run is self._background or run in self._exchanges):
             return
         call, now_s = run.call, self.clock.now()
         if call is not None and now_s >= run.deadline_s - ROUNDING_S:  # timers may be early by that

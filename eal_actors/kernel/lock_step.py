@@ -319,7 +319,11 @@ class LockStepClock(Clock):
                 if turn != turns:
                     turns, idle_checks, begun_used_s = turn, 0, all_used_s
                 else:
-                    is_idle = used_s - used_before_s < _IDLE_S and holder not in self._in_step and _sleeps(holder)
+                    is_idle = (
+                        used_s - used_before_s < _IDLE_S
+                        and holder not in self._in_step
+                        and _state(holder.native_id) in {"S", None}
+                    )
                     idle_checks = idle_checks + 1 if is_idle else 0
                 others_work = all_used_s - all_used_before_s > _OTHERS_WORK * _CHECK_S or _some_want_to_run()
                 checks = _IDLE_CHECKS_WHILE_OTHERS_WORK if others_work else _IDLE_CHECKS
@@ -346,11 +350,6 @@ def _processor_time_s(thread: threading.Thread) -> float:
         if thread.ident is not None and thread.is_alive() and hasattr(time, "pthread_getcpuclockid"):
             return time.clock_gettime(time.pthread_getcpuclockid(thread.ident))
     return time.process_time()
-
-
-def _sleeps(thread: threading.Thread) -> bool:
-    """Return whether a thread waits for neither processor nor disk; True if the system cannot tell."""
-    return _state(thread.native_id) in {"S", None}
 
 
 def _some_want_to_run() -> bool:

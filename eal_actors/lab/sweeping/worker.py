@@ -58,7 +58,9 @@ class SweepWorker:
         with Fleet(config).connect(bound) as fleet:
             for problem in fleet.problems:
                 raise problem
-            run_scenario(_with_checkpoints(scenario), fleet, directory=task.directory)
+            # With checkpoints, a run records its variables after each step of the top level.
+            file = scenario.file.model_copy(update={"safe_to_repeat": True})
+            run_scenario(replace(scenario, file=file), fleet, directory=task.directory)
 
     def _load(self) -> tuple[Scenario, FleetConfig]:
         scenario, config = load_scenario(self.scenario), EALConfigManager.load(self.fleet).fleet
@@ -67,8 +69,3 @@ class SweepWorker:
         if fleet_hash(config, self.keep) != self.fleet_hash:
             raise ScenarioError(f"{self.fleet}, or its world, has changed since the sweep began")
         return scenario, config
-
-
-def _with_checkpoints(scenario: Scenario) -> Scenario:
-    """Return the scenario with checkpoints: its runs record their variables after each step of the top level."""
-    return replace(scenario, file=scenario.file.model_copy(update={"safe_to_repeat": True}))

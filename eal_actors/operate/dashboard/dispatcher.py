@@ -20,27 +20,10 @@ from eal_actors.kernel.errors import (
     message_of,
 )
 from eal_actors.kernel.log import get_logger
+from eal_actors.operate.dashboard import messages
 from eal_actors.operate.dashboard.cameras import Cameras
 from eal_actors.operate.dashboard.control import DashboardContext
 from eal_actors.operate.dashboard.journeys import Journeys
-from eal_actors.operate.dashboard.messages import (
-    CallResource,
-    CommandRobots,
-    ControlRun,
-    DecidePlan,
-    Describe,
-    DriveRobot,
-    ListPlans,
-    ListScenarios,
-    ReleaseRobot,
-    ReloadFleet,
-    ResumeAll,
-    SendRobot,
-    StartRun,
-    StopAll,
-    Watch,
-    WatchValues,
-)
 from eal_actors.operate.dashboard.run_manager import RunManager
 from eal_actors.operate.dashboard.state_store import to_json_value
 from eal_actors.operate.dashboard.teleop import Teleop, Twist
@@ -50,6 +33,14 @@ Reply: TypeAlias = Callable[[dict[str, Any]], None]
 """Sends an answer to a browser; called in any thread, and never blocks."""
 
 STOP_REASON: Final = "STOP on the dashboard"
+_BLOCKING: Final = (
+    messages.DecidePlan,
+    messages.ListPlans,
+    messages.ListScenarios,
+    messages.ReloadFleet,
+    messages.SendRobot,
+    messages.StartRun,
+)
 _WHOLE_ARRAY: Final = 64
 _COMMANDS: Final = ("set_value", "send_cmd", "set_config")
 """The methods that reserve a resource for their caller."""
@@ -73,7 +64,7 @@ class Dispatcher:
 
     def may_block(self, message: object) -> bool:
         """Return whether a message must be executed in a thread that may block."""
-        return isinstance(message, DecidePlan | ListPlans | ListScenarios | ReloadFleet | SendRobot | StartRun)
+        return isinstance(message, _BLOCKING)
 
     def execute(self, message: Any, browser: str, reply: Reply) -> None:
         """Execute one of `messages` from a browser, and reply at its end."""
@@ -89,28 +80,28 @@ class Dispatcher:
     def _execute(self, message: Any, browser: str, reply: Reply) -> dict[str, Any] | None:
         """Return the answer; None if there is none, or if it comes later."""
         match message:
-            case Watch() | WatchValues():
+            case messages.Watch() | messages.WatchValues():
                 self._watch(message, browser)
-            case Describe():
+            case messages.Describe():
                 return {
                     "resources": [to_json_value(info.to_dict()) for _, info in infos_of(self._fleet[message.robot])]
                 }
-            case CallResource():
+            case messages.CallResource():
                 self._call(message, browser, reply)
-            case CommandRobots():
+            case messages.CommandRobots():
                 self._command(message, browser, reply)
-            case SendRobot():
+            case messages.SendRobot():
                 self._send(message, browser, reply)
-            case StopAll():
+            case messages.StopAll():
                 self._stop(message.id, reply)
-            case ResumeAll():
+            case messages.ResumeAll():
                 get_logger().warning("emergency stop ended from the dashboard")
                 self._reply_for_all(message.id, {name: robot.resume() for name, robot in self._fleet.items()}, reply)
-            case DriveRobot():
+            case messages.DriveRobot():
                 self._drive(message, browser, reply)
-            case ReleaseRobot():
+            case messages.ReleaseRobot():
                 self._teleop.release(browser, message.robot)
-            case ReloadFleet():
+            case messages.ReloadFleet():
                 return {"changes": str(self._fleet.reload())}
             case _:
                 return self._execute_run(message, browser)
@@ -119,20 +110,20 @@ class Dispatcher:
     def _execute_run(self, message: Any, browser: str) -> dict[str, Any]:
         """Return the answer to a message about scenarios, runs and plans."""
         match message:
-            case ListScenarios():
+            case messages.ListScenarios():
                 return {"scenarios": self._runs.list_scenarios()}
-            case StartRun():
+            case messages.StartRun():
                 self._runs.start(message.file, message.parameters)
-            case ControlRun():
+            case messages.ControlRun():
                 self._runs.control(message.what)
-            case ListPlans():
+            case messages.ListPlans():
                 return {"plans": self._runs.list_plans()}
-            case DecidePlan():
+            case messages.DecidePlan():
                 self._runs.decide(message.hash, f"dashboard, {browser}", is_approved=message.approve)
         return {}
 
-    def _watch(self, message: Watch | WatchValues, browser: str) -> None:
-        if isinstance(message, Watch):
+    def _watch(self, message: messages.Watch | messages.WatchValues, browser: str) -> None:
+        if isinstance(message, messages.Watch):
             self._cameras.watch(browser, message.cameras, message.rate_hz)
         else:
             self._values.watch(browser, message.robot)
@@ -143,7 +134,7 @@ class Dispatcher:
         self._cameras.leave(browser)
         self._values.leave(browser)
 
-    def _drive(self, message: DriveRobot, browser: str, reply: Reply) -> None:
+    def _drive(self, message: messages.DriveRobot, browser: str, reply: Reply) -> None:
         """Drive by hand. Errors name their press, because the browser may have started the next one by then."""
 
         def on_error(robot: str, error: EALError) -> None:
@@ -178,7 +169,7 @@ class Dispatcher:
 
     # Commands to several robots.
 
-    def _command(self, message: CommandRobots, browser: str, reply: Reply) -> None:
+    def _command(self, message: messages.CommandRobots, browser: str, reply: Reply) -> None:
         """Send a command to each robot, and reply when all have ended; robots that do not know it fail at once."""
         outcomes: dict[str, Any] = {}
         for name in message.robots:
@@ -194,7 +185,7 @@ class Dispatcher:
 
         gather(running.values(), return_exceptions=True).add_done_callback(on_done)
 
-    def _start_command(self, name: str, message: CommandRobots, browser: str) -> Future[Any]:
+    def _start_command(self, name: str, message: messages.CommandRobots, browser: str) -> Future[Any]:
         robot = self._fleet[name]
         if not message.resource:
             return robot.halt()
@@ -220,14 +211,14 @@ class Dispatcher:
         if error is not None and not isinstance(error, PreemptedError | StoppedError):
             self._steps.record_error(robot, f"{label}: {error_text(error)}")
 
-    def _send(self, message: SendRobot, browser: str, reply: Reply) -> None:
+    def _send(self, message: messages.SendRobot, browser: str, reply: Reply) -> None:
         def on_end(error: BaseException | None) -> None:
             self._record(message.robot, f"to ({message.x_m:.2f}, {message.y_m:.2f})", error)
             reply(failure(message.id, error) if error is not None else {"id": message.id, "ok": True})
 
         self._journeys.send(message, browser, on_end)
 
-    def _call(self, message: CallResource, browser: str, reply: Reply) -> None:
+    def _call(self, message: messages.CallResource, browser: str, reply: Reply) -> None:
         resource = self._fleet[message.robot][message.resource]
         is_command = message.method in _COMMANDS
         if is_command:
@@ -261,7 +252,7 @@ def _answer_for_all(number: int, outcomes: Mapping[str, Any]) -> dict[str, Any]:
     return {"id": number, "ok": not failed, "confirmed": confirmed, "failed": failed}
 
 
-def _start_call(resource: ResourceHandle, message: CallResource) -> Future[Any]:
+def _start_call(resource: ResourceHandle, message: messages.CallResource) -> Future[Any]:
     text, value = message.text or "", list(message.value) if isinstance(message.value, tuple) else message.value
     given = {
         "set_value": (value,),

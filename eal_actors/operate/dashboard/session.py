@@ -19,6 +19,7 @@ from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import AccessDeniedError, ArgumentError, BusyError, EALError
 from eal_actors.kernel.log import get_logger
 from eal_actors.operate.audit import AuditLog
+from eal_actors.operate.dashboard import messages
 from eal_actors.operate.dashboard.access import Access, Role, Visitor
 from eal_actors.operate.dashboard.browser_audit import BrowserAudit
 from eal_actors.operate.dashboard.cameras import CameraKey, Cameras
@@ -30,16 +31,6 @@ from eal_actors.operate.dashboard.limits import (
     MESSAGES_AT_ONCE,
     MESSAGES_PER_S,
     TokenBucket,
-)
-from eal_actors.operate.dashboard.messages import (
-    DriveRobot,
-    Hello,
-    ReleaseRobot,
-    StopAll,
-    Watch,
-    WatchValues,
-    needed_role,
-    parse_message,
 )
 from eal_actors.operate.dashboard.notifier import Notifier
 from eal_actors.operate.dashboard.places import place_of
@@ -146,8 +137,8 @@ class BrowserSession:
 
     async def _greet(self) -> None:
         async with asyncio.timeout(HELLO_S):
-            hello = parse_message(await self._receive())
-        if not isinstance(hello, Hello):
+            hello = messages.parse_message(await self._receive())
+        if not isinstance(hello, messages.Hello):
             raise ArgumentError("the first message must be hello")
         self._visitor = visitor = await self._sign_in(hello.token)
         if not self._admit(self):
@@ -224,7 +215,7 @@ class BrowserSession:
             text = await self._receive()
             if not self._messages.take(REAL_TIME.now()):
                 raise BusyError("too many messages")
-            message = parse_message(text)
+            message = messages.parse_message(text)
             refused = self._refusal(message)
             if refused is not None:
                 self._refuse(message, refused)
@@ -232,25 +223,26 @@ class BrowserSession:
                 self._execute_in_thread(message)
             else:
                 self._app_state.dispatcher.execute(message, self.name, self._reply_to(message))
-                if isinstance(message, Watch):
+                if isinstance(message, messages.Watch):
                     self._cameras, self._frame_period_s = message.cameras, 1 / message.rate_hz
-                elif isinstance(message, WatchValues):
+                elif isinstance(message, messages.WatchValues):
                     self._values_of = message.robot
 
     def _refusal(self, message: object) -> EALError | None:
-        if isinstance(message, Hello):
+        if isinstance(message, messages.Hello):
             return ArgumentError("hello must be the first message only")
-        denied = self._visitor.refusal(needed_role(message)) if self._visitor is not None else "sign in first"
+        denied = self._visitor.refusal(messages.needed_role(message)) if self._visitor is not None else "sign in first"
         if denied is not None:
             return AccessDeniedError(denied)
-        is_free = isinstance(message, StopAll | DriveRobot | ReleaseRobot)  # limited by the number of messages alone
+        # These are limited by the number of messages alone.
+        is_free = isinstance(message, messages.StopAll | messages.DriveRobot | messages.ReleaseRobot)
         if not is_free and not self._commands.take(REAL_TIME.now()):
             return BusyError("too many commands; wait a moment")
         return None
 
     def _refuse(self, message: Any, error: EALError) -> None:
         self.reply(failure(getattr(message, "id", None), error))
-        if self._audit is None or needed_role(message) is Role.WATCH:
+        if self._audit is None or messages.needed_role(message) is Role.WATCH:
             return
         if self._app_state.refusals.take(REAL_TIME.now()):  # strangers must not push commands out of the log
             self._audit.refuse(message, error.message)

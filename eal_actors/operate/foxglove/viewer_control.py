@@ -111,7 +111,13 @@ class ViewerControl:
 
     def on_get_parameters(self, client: Any, param_names: list[str], request_id: str | None = None) -> list[Parameter]:  # noqa: ARG002
         """Return configuration keys; all of them for no names."""
-        return self._read(param_names or self._all_names())
+        every = (
+            f"{robot.name}.{resource}.{config.name}"
+            for robot in self._fleet.values()
+            for resource in robot
+            for config in robot[resource].info.configs
+        )
+        return self._read(param_names or list(every))
 
     def on_set_parameters(
         self,
@@ -129,14 +135,6 @@ class ViewerControl:
                     name, reason = parameter.name[:_MOST_SHOWN], str(error)[:_MOST_SHOWN]
                     get_logger().warning("a parameter is not set", name=name, reason=reason, **more)
         return self._read([parameter.name for parameter in parameters])
-
-    def _all_names(self) -> list[str]:
-        return [
-            f"{robot.name}.{resource}.{config.name}"
-            for robot in self._fleet.values()
-            for resource in robot
-            for config in robot[resource].info.configs
-        ]
 
     def _read(self, names: list[str]) -> list[Parameter]:
         """Return those that can be read; all are asked at once, so that a robot that hangs costs its time-out once."""
