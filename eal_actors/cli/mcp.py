@@ -72,18 +72,14 @@ def serve_agents(
         server = AgentServer(gate, audit, runs_dir, "stdio" if http is None else "http")
         try:
             if http is None:
-                _serve_pipes(server)
+                try:
+                    server.server.run("stdio")
+                except* BrokenPipeError:
+                    get_logger().info("the client has left while it was answered")
             else:
                 _serve_http(server, http, console)
         except KeyboardInterrupt:
             console.print("halting the robots")
-
-
-def _serve_pipes(server: Any) -> None:
-    try:
-        server.server.run("stdio")
-    except* BrokenPipeError:
-        get_logger().info("the client has left while it was answered")
 
 
 def _serve_http(server: Any, port: int, console: Console) -> None:

@@ -130,7 +130,8 @@ def check_plugin(
     failed. Log lines are shown at the end, because the checks cause most of them, such as by unplugging the device.
     """
     results = []
-    folder = _folder_of(plugin)
+    known = discover(())[0].get(str(plugin)) if not plugin.exists() else None
+    folder = plugin if known is None else known.folder
     bench = Bench(folder, settings_of(parse_settings(setting or [])))
     with _log_at_the_end(context.find_object(GlobalOptions) or GlobalOptions()):
         for result in run_checks(bench):
@@ -144,12 +145,6 @@ def check_plugin(
         stderr().print(f"{counted(failed, 'check')} failed" if failed else f"{folder}: conforms")
     if failed:
         raise typer.Exit(ExitCode.FAILED)
-
-
-def _folder_of(plugin: Path) -> Path:
-    known = discover(())[0] if not plugin.exists() else {}
-    manifest = known.get(str(plugin))
-    return plugin if manifest is None else manifest.folder
 
 
 @contextmanager

@@ -53,7 +53,10 @@ def run_router(
     _validate(connect or [], "--connect")
     with router_session(config, name, lambda: router_config(endpoints, connect or [], config, name)):
         try:
-            _announce(endpoints, context.find_object(GlobalOptions) or GlobalOptions())
+            if (context.find_object(GlobalOptions) or GlobalOptions()).log_format == "json":
+                get_logger().warning("the router listens", endpoints=endpoints)  # of a visible level
+            else:
+                print_line(stderr(), f"The router listens at {', '.join(endpoints)}; Ctrl-C stops it.")
             REAL_TIME.wait(new_waiter(), None)
         except KeyboardInterrupt:  # SIGTERM raises it too
             signal.signal(signal.SIGTERM, signal.SIG_IGN)
@@ -71,11 +74,3 @@ def _validate(endpoints: list[str], option: str) -> None:
             parse_endpoint(endpoint)
         except ValueError as error:
             raise typer.BadParameter(str(error), param_hint=option) from None
-
-
-def _announce(endpoints: list[str], options: GlobalOptions) -> None:
-    """Report that the router listens: as a log line of a visible level for programs, or as a line for people."""
-    if options.log_format == "json":
-        get_logger().warning("the router listens", endpoints=endpoints)
-    else:
-        print_line(stderr(), f"The router listens at {', '.join(endpoints)}; Ctrl-C stops it.")

@@ -208,7 +208,11 @@ def _execute(
         with folder_errors(directory):
             if resumption is not None:
                 resumption = replace(resumption, time_s=repair_record(directory))
-            _keep_provenance(directory, request, plan)
+            kept = directory
+            if request.resumption is not None:  # the inputs of a continued run have a folder of their own
+                kept = directory / f"continued-{len(request.resumption.continued_s) + 1}"
+                kept.mkdir(exist_ok=True)
+            keep_provenance(kept, request.config, plan.scenario)
             recorder = RunRecorder(opened, [name for name in plan.robots if name not in plan.lost], directory, extent)
         watcher = ahead.watcher(opened, plan) if ahead is not None else None
         run = Run(
@@ -243,14 +247,6 @@ def _plan(request: RunRequest, fleet: Fleet) -> Plan:
         if not fleet.problems:
             raise
         raise PluginError(f"{'; '.join(map(str, fleet.problems))}. So the scenario cannot run:\n{error}") from error
-
-
-def _keep_provenance(directory: Path, request: RunRequest, plan: Plan) -> None:
-    """Copy the inputs of a run into its folder; those of a continued run into a folder of their own in it."""
-    if request.resumption is not None:
-        directory = directory / f"continued-{len(request.resumption.continued_s) + 1}"
-        directory.mkdir(exist_ok=True)
-    keep_provenance(directory, request.config, plan.scenario)
 
 
 def _draw_paths(finished: _FinishedRun, config: FleetConfig, drawings: _Drawings) -> list[Path]:

@@ -180,7 +180,9 @@ class ReopeningDevice(Generic[_D]):
     def _reopen(self, broken: _D | None) -> None:
         """Retry until it is open or closed for good. Thread: its own."""
         if broken is not None:
-            _discard_output(broken)
+            if (drop := getattr(broken, "reset_output_buffer", None)) is not None:
+                with contextlib.suppress(*_BROKEN):
+                    drop()  # a device that comes back must not execute old commands
             _close_quietly(broken)  # here, because closing a stuck serial port waits for its device
         delay_s = _FIRST_TRY_S
         while not REAL_TIME.wait(self._end_of_wait, delay_s):
@@ -250,13 +252,6 @@ def _is_gone(port: Any) -> bool:
 def _close_quietly(port: Any) -> None:
     with contextlib.suppress(*_BROKEN):
         port.close()
-
-
-def _discard_output(port: Any) -> None:
-    """Discard a broken port's unsent bytes: a device that comes back must not execute old commands."""
-    if (drop := getattr(port, "reset_output_buffer", None)) is not None:
-        with contextlib.suppress(*_BROKEN):
-            drop()
 
 
 def _why(error: BaseException) -> str:

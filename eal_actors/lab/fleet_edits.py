@@ -36,7 +36,10 @@ def changed_files(texts: Mapping[Path, str]) -> Iterator[None]:
         yield
     except BaseException:
         for file, former in before.items():
-            _restore(file, former)
+            if former is None:
+                file.unlink(missing_ok=True)
+            elif read_text(file) != former:
+                replace_file(file, former)
         raise
 
 
@@ -151,13 +154,6 @@ def read_text(file: Path) -> str | None:
     with writing(file), suppress(FileNotFoundError):
         return file.read_text(encoding="utf-8")
     return None
-
-
-def _restore(file: Path, text: str | None) -> None:
-    if text is None:
-        file.unlink(missing_ok=True)
-    elif read_text(file) != text:
-        replace_file(file, text)
 
 
 def replace_file(file: Path, text: str) -> None:

@@ -65,7 +65,8 @@ def run_all(
                 worker.begin(task)
             if not busy:
                 break
-            _wait_for_any(busy)
+            end_s = min(worker.end_s for worker in busy)
+            wait([handle for worker in busy for handle in worker.wait_handles], max(0.0, end_s - REAL_TIME.now()))
             for worker in [worker for worker in busy if worker.is_over]:
                 busy.remove(worker)
                 answer = worker.answer()
@@ -77,12 +78,6 @@ def run_all(
     finally:
         for worker in (*busy, *idle):
             worker.kill()
-
-
-def _wait_for_any(workers: list[_WorkerProcess[T, R]]) -> None:
-    """Wait until a worker answers, dies or exceeds its time limit."""
-    end_s = min(worker.end_s for worker in workers)
-    wait([handle for worker in workers for handle in worker.wait_handles], max(0.0, end_s - REAL_TIME.now()))
 
 
 class _WorkerProcess(Generic[T, R]):

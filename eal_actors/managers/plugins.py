@@ -51,7 +51,8 @@ def import_plugin(manifest: PluginManifest) -> ModuleType:
     """
     used = manifest.used()
     for plugin in (manifest, *used):
-        _require_modules(plugin, manifest)
+        if lack := plugin.lacks(manifest):
+            raise PluginError(lack)
     path = manifest.folder / "plugin.py"
     if not path.is_file():
         raise PluginError(f"plugin {manifest.name!r} has no plugin.py in {manifest.folder}")
@@ -63,11 +64,6 @@ def import_plugin(manifest: PluginManifest) -> ModuleType:
             return importlib.import_module(f"{package}.plugin")
         except (Exception, SystemExit) as error:
             raise PluginError(f"plugin {manifest.name!r} fails to import: {error_text(error)}") from error
-
-
-def _require_modules(plugin: PluginManifest, user: PluginManifest) -> None:
-    if lack := plugin.lacks(user):
-        raise PluginError(lack)
 
 
 def _make_importable(plugin: PluginManifest, user: PluginManifest) -> None:

@@ -81,7 +81,8 @@ class ScenarioCase(pytest.Item):
             EALError: the run could not start.
             _CaseFailed: the run is not done, or an expectation failed.
         """
-        fleet = self._fleet_file()
+        given: Path | None = self.config.getoption("--eal-fleet")
+        fleet = find_fleet_beside(self.path) if given is None else self.config.invocation_params.dir / given
         config = EALConfigManager.load(fleet).fleet
         seed = self.config.getoption("--eal-seed")
         config = replace(config, seed=config.seed if seed is None else seed)
@@ -108,16 +109,14 @@ class ScenarioCase(pytest.Item):
         scenario = with_parameters(self.scenario, read_settings(self.scenario.file, own))
         robots = bound_robots(scenario, config)
         twins = simulated(config, robots, self.config.getoption("--eal-keep"))
-        self._report_changes([*_sentences(twins.replaced, ""), *_sentences(twins.left_out, "left out: ")])
+        changes = [f"{name}: {why}" for name, why in twins.replaced.items()]
+        changes += [f"{name}: left out: {why}" for name, why in twins.left_out.items()]
+        if changes:
+            self.add_report_section("call", _SECTION, "\n".join(changes))
         with Fleet(twins.config).connect(robots) as opened:
             for problem in opened.problems:
                 raise problem
             return run_scenario(scenario, opened, directory=directory)
-
-    def _fleet_file(self) -> Path:
-        """Return the fleet file of the command line, scenario, or folder; raise ArgumentError if there is none."""
-        given: Path | None = self.config.getoption("--eal-fleet")
-        return find_fleet_beside(self.path) if given is None else Path(self.config.invocation_params.dir) / given
 
     def _is_broken(self, step: StepRecord) -> bool:
         """Return whether a step is an expectation that did not hold, even if the scenario continued."""
@@ -130,11 +129,6 @@ class ScenarioCase(pytest.Item):
         why = step.error.message if step.error is not None else step.outcome
         what = "" if step.step in self.scenario.expectations() else f"{step.label} {step.outcome}: "
         return f"{short_path(Path(place.file))}:{place.line}:{place.column}: {step.step}{who}: {what}{why}"
-
-    def _report_changes(self, lines: Sequence[str]) -> None:
-        """Add the differences from the fleet file to the report of a failed case."""
-        if lines:
-            self.add_report_section("call", _SECTION, "\n".join(lines))
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], *arguments: Any) -> Any:
         """Return the failure, without a traceback if the scenario caused it."""
@@ -155,7 +149,3 @@ def _new_folder(config: pytest.Config, name: str) -> Path:
     """Return a folder beside those of `tmp_path`, which pytest keeps for its last three runs."""
     factory: pytest.TempPathFactory = config._tmp_path_factory  # type: ignore[attr-defined]  # noqa: SLF001  # as its own items do
     return factory.mktemp(re.sub(r"\W", "_", name)[:30], numbered=True)
-
-
-def _sentences(reasons: Any, lead: str) -> list[str]:
-    return [f"{name}: {lead}{why}" for name, why in reasons.items()]

@@ -89,7 +89,10 @@ class Simulation:
             self._clock = _TrackingClock()
             fleet = Fleet(self._config, self._clock)
             try:
-                _connect_all(fleet)
+                for robot in fleet.connect().values():
+                    robot.require_started()
+                for problem in fleet.problems:
+                    raise problem
             except BaseException:
                 fleet.close()
                 raise
@@ -308,15 +311,6 @@ class _TrackingClock(LockStepClock):
     def start(self, thread: threading.Thread) -> None:
         self.started.append(thread)
         super().start(thread)
-
-
-def _connect_all(fleet: Fleet) -> None:
-    """Connect a fleet; raise an error unless every robot is complete."""
-    fleet.connect()
-    for robot in fleet.values():
-        robot.require_started()
-    for problem in fleet.problems:
-        raise problem
 
 
 def _require_duration(name: str, duration_s: float) -> float:

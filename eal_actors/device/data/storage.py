@@ -110,7 +110,7 @@ def store(c_type: CType, value: Any, length: int | None) -> Stored:
     needed = stored[2]
     if length is not None and length != needed:
         hint = "; is_long=True makes an int 8 bytes" if c_type == INT and length == 8 else ""
-        raise DataError(f"length: this {c_type.name}{'[]' * c_type.is_ptr} takes {needed} bytes, not {length}{hint}")
+        raise DataError(f"length: this {c_type.full_name} takes {needed} bytes, not {length}{hint}")
     return stored
 
 
@@ -165,8 +165,7 @@ def _store_array(c_type: CType, array: np.ndarray[Any, Any]) -> Stored:
     if not c_type.is_ptr or c_type.dtype != array.dtype.str:
         allowed = f"an array of dtype {c_type.dtype}" if c_type.is_ptr and c_type.dtype else "no numpy array"
         hint = "; arrays need is_ptr=True" if not c_type.is_ptr else ""
-        name = f"{c_type.name}{'[]' * c_type.is_ptr}"
-        raise DataError(f"{name}: given a numpy array of dtype {array.dtype.str}, takes {allowed}{hint}")
+        raise DataError(f"{c_type.full_name}: given a numpy array of dtype {array.dtype.str}, takes {allowed}{hint}")
     view = array.view()
     view.flags.writeable = False
     return view, None, view.nbytes, view.shape
@@ -228,18 +227,14 @@ def read(c_type: CType, payload: Payload) -> Stored:
     return None, payload, length, None
 
 
-def _check_dtype(c_type: CType, dtype: str) -> None:
-    if not c_type.is_ptr or c_type.dtype is None or dtype != c_type.dtype:
-        takes = c_type.dtype if c_type.is_ptr and c_type.dtype else "no numpy array"
-        name = c_type.name + "[]" * c_type.is_ptr
-        raise DataError(f"dtype: {short_repr(dtype)} does not fit {name}, which takes {takes}")
-
-
 def checked_shape(c_type: CType, length: int, shape: Sequence[int] | None, dtype: str | None) -> tuple[int, ...]:
     """Return the shape of an array rebuilt from its payload, or raise DataError."""
     if shape is None or dtype is None:
         raise DataError(f"shape {short_repr(shape)} and dtype {short_repr(dtype)} must be given together")
-    _check_dtype(c_type, dtype)
+    taken = c_type.dtype if c_type.is_ptr else None
+    if taken is None or dtype != taken:
+        takes = taken or "no numpy array"
+        raise DataError(f"dtype: {short_repr(dtype)} does not fit {c_type.full_name}, which takes {takes}")
     if not isinstance(shape, (list, tuple)) or len(shape) > MOST_DIMENSIONS:
         raise DataError(f"shape: {short_repr(shape)} is no list of at most {MOST_DIMENSIONS} sizes")
     if any(type(size) is not int or size < 0 for size in shape):

@@ -183,7 +183,10 @@ def prove(request: ProofRequest, on_case: OnCase = lambda _case, _count: None) -
     prepare_folder(request.out)
     whole = fleet_content(twins.config, _write_world(twins.config, request.out))
     content = with_quick_settings(whole, twins.config.plugin_dirs)
-    _dry_run(request, content)
+    with Fleet(load_content(content, request.config.source)).connect() as fleet:  # nothing moves
+        for problem in fleet.problems:
+            raise problem
+        make_plan(scenario, fleet, binding=request.binding)
     healthy = _healthy_trial(request, content)
     positions = find_positions(_require_done(healthy))
     injectable = injectable_faults(twins.config)
@@ -204,14 +207,6 @@ def prove(request: ProofRequest, on_case: OnCase = lambda _case, _count: None) -
         out=request.out,
         kinds=tuple(kinds_of(singles)),
     )
-
-
-def _dry_run(request: ProofRequest, content: Content) -> None:
-    """Check the scenario on the simulated robots; nothing moves."""
-    with Fleet(load_content(content, request.config.source)).connect() as fleet:
-        for problem in fleet.problems:
-            raise problem
-        make_plan(request.scenario, fleet, binding=request.binding)
 
 
 def _worker(request: ProofRequest, limit_s: float) -> TrialWorker:

@@ -80,8 +80,10 @@ class Dispatcher:
     def _execute(self, message: Any, browser: str, reply: Reply) -> dict[str, Any] | None:
         """Return the answer; None if there is none, or if it comes later."""
         match message:
-            case messages.Watch() | messages.WatchValues():
-                self._watch(message, browser)
+            case messages.Watch():
+                self._cameras.watch(browser, message.cameras, message.rate_hz)
+            case messages.WatchValues():
+                self._values.watch(browser, message.robot)
             case messages.Describe():
                 return {
                     "resources": [to_json_value(info.to_dict()) for _, info in infos_of(self._fleet[message.robot])]
@@ -121,12 +123,6 @@ class Dispatcher:
             case messages.DecidePlan():
                 self._runs.decide(message.hash, f"dashboard, {browser}", is_approved=message.approve)
         return {}
-
-    def _watch(self, message: messages.Watch | messages.WatchValues, browser: str) -> None:
-        if isinstance(message, messages.Watch):
-            self._cameras.watch(browser, message.cameras, message.rate_hz)
-        else:
-            self._values.watch(browser, message.robot)
 
     def leave(self, browser: str) -> None:
         """Halt the robots that a closed browser drives, and forget it."""

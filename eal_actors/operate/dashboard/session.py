@@ -274,7 +274,10 @@ class BrowserSession:
     async def _send_updates(self) -> None:
         reader = StateReader(self._app_state.store)
         while True:
-            update = self._without_foreign_values(reader.take())
+            update = reader.take()
+            values = update.pop("values", {})
+            if self._values_of in values:  # only this browser's robot: others look at other ones
+                update["values"] = {self._values_of: values[self._values_of]}
             answers = [self._answers.popleft() for _ in range(len(self._answers))]
             if answers:
                 update["answers"] = answers
@@ -285,11 +288,6 @@ class BrowserSession:
             await asyncio.sleep(SEND_PERIOD_S)
             if not reader.has_more:
                 await self._wait_for_change(next_frame_s)
-
-    def _without_foreign_values(self, update: dict[str, Any]) -> dict[str, Any]:
-        """Return an update without the live values of robots that only other browsers look at."""
-        values = update.pop("values", {})
-        return {**update, "values": {self._values_of: values[self._values_of]}} if self._values_of in values else update
 
     async def _wait_for_change(self, at_most_s: float | None) -> None:
         with contextlib.suppress(TimeoutError):

@@ -11,7 +11,7 @@ Warehouses", IEEE Robotics and Automation Letters 4(2), 2019.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from eal_actors.device.navigation.traffic.problem import Path, TrafficProblem
@@ -40,7 +40,8 @@ def action_graph(problem: TrafficProblem, paths: Sequence[Path]) -> list[list[Pl
         block = problem.blocks.get((here, there), frozenset((here, there)))
         needed: dict[int, int] = {}
         for found in (*(ended_at[place] for place in block), swept[here], swept[there]):
-            _raise_to(needed, found)
+            for other, count in found.items():
+                needed[other] = max(count, needed.get(other, 0))
         needed.pop(number, None)
         new = {other: count for other, count in sorted(needed.items()) if count > known[number].get(other, 0)}
         known[number].update(new)
@@ -50,11 +51,6 @@ def action_graph(problem: TrafficProblem, paths: Sequence[Path]) -> list[list[Pl
         for place in block:
             swept[place][number] = len(moves[number])
     return moves
-
-
-def _raise_to(needed: dict[int, int], found: Mapping[int, int]) -> None:
-    for other, count in found.items():
-        needed[other] = max(count, needed.get(other, 0))
 
 
 def _in_order(paths: Sequence[Path]) -> Iterator[tuple[int, int, int]]:

@@ -24,9 +24,7 @@ def lay_lattice(inflated: OccupancyGrid, pitch_m: float) -> tuple[list[Point], l
     Raises:
         TrafficError: there would be too many places.
     """
-    rows, columns = inflated.cells.shape
-    bounds = inflated.centres(np.array([(0, 0), (0, columns), (rows, 0), (rows, columns)]) - 0.5)
-    low, high = bounds.min(axis=0), bounds.max(axis=0)
+    low, high = inflated.corners.min(axis=0), inflated.corners.max(axis=0)
     counts = np.floor((high - low) / pitch_m).astype(int) + 1
     if counts.prod() > MAX_PLACES:
         raise TrafficError(

@@ -10,7 +10,7 @@ path finding", Artificial Intelligence 310, 2022.
 from __future__ import annotations
 
 import random
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 from eal_actors.device.navigation.traffic.problem import FAR, NOBODY, TrafficProblem
 
@@ -80,7 +80,7 @@ class StepGenerator:
             self._take(number, place)
             if other in {NOBODY, number} or self._next[other] != NOBODY or self._place(other):
                 return True
-            self._reopen(number)
+            self._count_closed(here, place, -1)
         is_free = self._taken[here] == NOBODY
         self._next[number], self._taken[here] = here, number
         return is_free
@@ -112,20 +112,13 @@ class StepGenerator:
     def _take(self, number: int, place: int) -> None:
         here = self._now[number]
         self._next[number], self._taken[place] = place, number
-        if self._blocks:
-            for near in self._closed_by(here, place):
-                self._closed[near] += 1
+        self._count_closed(here, place, 1)
 
-    def _reopen(self, number: int) -> None:
-        """Undo what a move closed."""
-        if self._blocks:
-            for near in self._closed_by(self._now[number], self._next[number]):
-                self._closed[near] -= 1
-
-    def _closed_by(self, here: int, place: int) -> Iterable[int]:
-        """Return the places that nobody else may enter during a move."""
+    def _count_closed(self, here: int, place: int, by: int) -> None:
+        """Count the places that nobody else may enter during a move."""
         block = self._blocks.get((here, place), frozenset())
-        return block if self._problem.is_between(here, place) else block - {here, place}
+        for near in block if self._problem.is_between(here, place) else block - {here, place}:
+            self._closed[near] += by
 
     def _closes_circle(self, number: int, place: int) -> bool:
         """Return whether those that leave for each other's places would be in a circle with this traveller."""

@@ -162,7 +162,9 @@ def evaluate(expression: Expression, names: Namespace) -> Any:
     budget: WorkBudget | None = getattr(_local, "budget", None)
     if budget is not None and budget.is_spent():
         raise WorkLimitError(budget.message())
-    evaluator = _evaluator()
+    if not hasattr(_local, "evaluator"):  # creating one takes longer than most expressions
+        _local.evaluator = _Evaluator()
+    evaluator: _Evaluator = _local.evaluator
     evaluator.names = _Names(names)
     evaluator.answers = names.readings
     evaluator.work = 0
@@ -260,14 +262,6 @@ class _Evaluator(SimpleEval):  # type: ignore[misc]  # simpleeval has no types
             return to_plain(self.answers[reading], str(reading))
 
         return read
-
-
-def _evaluator() -> _Evaluator:
-    """Return the thread's own evaluator. Creating one takes longer than most expressions."""
-    if not hasattr(_local, "evaluator"):
-        _local.evaluator = _Evaluator()
-    evaluator: _Evaluator = _local.evaluator
-    return evaluator
 
 
 # Texts.
