@@ -41,6 +41,11 @@ class MarkedDict(dict[str, Any]):
         self.key_marks[key] = key_mark
         self.value_marks[key] = value_mark
 
+    def section(self, key: str) -> MarkedDict:
+        """Return the mapping at a key; an empty one where there is none."""
+        found = self.get(key)
+        return found if isinstance(found, MarkedDict) else MarkedDict(self.mark)
+
     def marked_items(self) -> Iterator[tuple[str, Any, Mark, Mark]]:
         """Yield key, value, mark of the key and mark of the value."""
         for key, value in self.items():

@@ -183,8 +183,8 @@ class _Resolver:
         self.problems: list[Problem] = []
         self._tree = tree
         self._sound = sound
-        self._types = _section(tree.root, "types")
-        self._robots = _section(tree.root, "robots")
+        self._types = tree.root.section("types")
+        self._robots = tree.root.section("robots")
         self._entries: dict[str, tuple[str, MarkedDict]] = {}
 
     def robots(self) -> list[tuple[str, MarkedDict, tuple[str, ...]]]:
@@ -320,7 +320,7 @@ class _Resolver:
             step = _section_text(self._types[step], "type")
         if own_type is not None and not chain:
             self._report_unknown_type(("robots", key, "type"), own_type)
-        entries = [_section(self._tree.root, "defaults"), *(self._types[name] for name in reversed(chain)), robot]
+        entries = [self._tree.root.section("defaults"), *(self._types[name] for name in reversed(chain)), robot]
         sections = [entry for entry in entries if isinstance(entry, MarkedDict)]
         merged = sections[0]
         for section in sections[1:]:
@@ -336,11 +336,6 @@ class _Resolver:
 def _with_number(entry: MarkedDict, number: int) -> MarkedDict:
     numbered: MarkedDict = replace_text(entry, lambda text: text.replace("{n}", str(number)))
     return numbered
-
-
-def _section(root: MarkedDict, key: str) -> MarkedDict:
-    section = root.get(key)
-    return section if isinstance(section, MarkedDict) else MarkedDict(root.mark)
 
 
 def _section_text(section: object, key: str) -> str | None:

@@ -23,9 +23,7 @@ def network_problems(tree: YamlTree, robots: Mapping[str, tuple[str, MarkedDict]
 
     `robots` has, by name, the key of each entry in the file and its merged levels.
     """
-    network = tree.root.get("network")
-    network = network if isinstance(network, MarkedDict) else MarkedDict(tree.root.mark)
-    check = _NetworkCheck(tree, network, robots)
+    check = _NetworkCheck(tree, tree.root.section("network"), robots)
     return [*check.clock(), *check.addresses(), *check.routers(), *check.roles()]
 
 
@@ -110,8 +108,7 @@ class _NetworkCheck:
         """Yield the problems of the names in the roles."""
         if self._security is None:
             return
-        roles = self._security.get("roles")
-        roles = roles if isinstance(roles, MarkedDict) else MarkedDict(self._security.mark)
+        roles = self._security.section("roles")
         named: set[str] = set()
         for role in ("controllers", "observers", "routers"):
             for index, entry in enumerate(_items(roles, role)):

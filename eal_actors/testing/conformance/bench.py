@@ -15,9 +15,10 @@ from eal_actors.device.world import WorldModel
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import DeadlineError, EALError, PluginError
-from eal_actors.kernel.yaml_tree import Mark, MarkedDict, YamlTree
+from eal_actors.kernel.yaml_tree import YamlTree
 from eal_actors.managers.fleet_model import FleetConfig, PluginSettings, RobotConfig
 from eal_actors.managers.manifest import PluginManifest, read_manifest
+from eal_actors.managers.memory_file import tree_of
 from eal_actors.testing.conformance.emulated_device import EmulatedDevice, emulate_device
 
 T = TypeVar("T")
@@ -164,11 +165,7 @@ def _require_ready(robot: RobotHandle, within_s: float) -> None:
 
 def settings_of(settings: Mapping[str, Any]) -> YamlTree:
     """Return settings as from a file; problems refer to it as `settings`."""
-    mark = Mark("settings", 0, 0)
-    root = MarkedDict(mark)
-    for key, value in settings.items():
-        root.put(key, value, mark, mark)
-    return YamlTree(root)
+    return tree_of(settings, "settings")
 
 
 @dataclass
