@@ -25,6 +25,7 @@ NAMES = sorted(manifest.parent.name for manifest in (ROOT / "plugins").glob("*/p
 WORDS = {
     ("cli/calibrate_camera.py", "camera"): "the command `eal calibrate camera`",
     ("cli/app.py", "replay"): "the command `eal replay`",
+    ("cli/maps.py", "sim"): "the extra that maps need",
     ("cli/app.py", "tracker:app"): "the commands `eal tracker ...`",
     ("cli/app.py", "tracker"): "the commands `eal tracker ...`",
     ("cli/replay_service.py", "replay"): "the label of its bar",
