@@ -113,7 +113,9 @@ class PoseHandle(PartHandle):
 
     def get(self, *, timeout_s: float | None = None) -> Future[PoseEstimate]:
         """Return the pose with its covariance and its time."""
-        return self.resource.send_req("estimate", timeout_s=timeout_s).map(_estimate)
+        return self.resource.send_req("estimate", timeout_s=timeout_s).map(
+            lambda data: PoseEstimate.of_numbers(data.value, data.stamp_s or 0.0)
+        )
 
     def set(self, x_m: float, y_m: float, yaw_deg: float, *, timeout_s: float | None = None) -> Call[int]:
         """Set the estimate: the robot is there now."""
@@ -211,10 +213,6 @@ class RobotParts:
 def _command(forward: str, back: str, amount: float) -> str:
     """Return a command with an amount in its text, by the amount's sign."""
     return f"{back if amount < 0 else forward}{abs(amount):.6f}".rstrip("0").rstrip(".")
-
-
-def _estimate(data: EALData) -> PoseEstimate:
-    return PoseEstimate.of_numbers(data.value, data.stamp_s or 0.0)
 
 
 def _value(data: EALData) -> Any:

@@ -255,8 +255,8 @@ class ResourceActor(ReadinessActor):
             result = self._methods[call.method](*call.arguments)
             if type(result) is PendingResult:
                 self.begin(call, *result)
-            elif not call.settle(result, None) and call.method in MOTION_METHODS and not call.stops:
-                self.guarded(self.opened.halt)  # it was cancelled while it ran
+            elif not call.settle(result, None):
+                self._undo(call)
         except AbandonedThread:
             raise
         except BaseException as error:  # noqa: BLE001  # a plugin may raise anything
@@ -299,6 +299,11 @@ class ResourceActor(ReadinessActor):
         call.fail(self.explain(call, error))
         if not isinstance(error, Exception):
             raise error
+
+    def _undo(self, call: Call[Any]) -> None:
+        """Halt what a call has started that was cancelled while it ran."""
+        if call.method in MOTION_METHODS and not call.stops:
+            self.guarded(self.opened.halt)
 
     def _schedule(self, call: Call[Any]) -> None:
         """Hold a command until its start time; an invalid one is refused now and disturbs nothing."""

@@ -166,10 +166,6 @@ def _check_scenario(name: str) -> FileCheck:
     return FileCheck(name, "scenario", summary)
 
 
-def _check_world(name: str) -> FileCheck:
-    return FileCheck(name, "world", f"world, {summarize_world(load_world(name))}")
-
-
 def _refuse_plugin(name: str) -> FileCheck:
     advice = f"a plugin: use `eal plugin check {Path(name).parent}`"
     return FileCheck(name, "plugin", problems=(Problem(name, 0, 0, "", advice),))
@@ -178,7 +174,11 @@ def _refuse_plugin(name: str) -> FileCheck:
 # Kind, the keys that only files of that kind have, and the check.
 _KINDS: Final[tuple[tuple[str, frozenset[str], Callable[[str], FileCheck]], ...]] = (
     ("scenario", frozenset({"steps", "roles"}), _check_scenario),
-    ("world", frozenset({"size_m"}), _check_world),
+    (
+        "world",
+        frozenset({"size_m"}),
+        lambda name: FileCheck(name, "world", f"world, {summarize_world(load_world(name))}"),
+    ),
     ("plugin", frozenset({"plugin_version", "resources"}), _refuse_plugin),
     ("fleet", frozenset({"robots", "types", "defaults", "plugin_dirs", "include"}), _check_fleet),
 )

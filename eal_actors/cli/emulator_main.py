@@ -34,14 +34,6 @@ def _make_package(name: str, path: list[str]) -> None:
     package.__path__ = path
 
 
-def _serve(module: str, kind: str, settings: str) -> None:
-    """Serve a module's emulator on a wire until SIGTERM, or until it fails."""
-    from eal_actors.device.serving_emulators import serve_emulator
-
-    emulate = importlib.import_module(module).emulate
-    serve_emulator(kind, lambda now_s: (emulate(json.loads(settings), now_s), None))
-
-
 def main() -> None:
     """Run the module with its own arguments, or serve its emulator."""
     plugin, module, *rest = sys.argv[1:]
@@ -52,7 +44,11 @@ def main() -> None:
     sys.argv = [module, *rest[end + 1 :]]
     threading.Thread(target=_end_with_stdin, name="end with stdin", daemon=True).start()
     if rest[end] == "--wire":
-        _serve(f"{_PACKAGE}.{plugin}.{module}", *rest[end + 1 :])
+        from eal_actors.device.serving_emulators import serve_emulator
+
+        kind, settings = rest[end + 1 :]
+        emulate = importlib.import_module(f"{_PACKAGE}.{plugin}.{module}").emulate
+        serve_emulator(kind, lambda now_s: (emulate(json.loads(settings), now_s), None))
         return
     try:
         runpy.run_module(f"{_PACKAGE}.{plugin}.{module}", run_name="__main__", alter_sys=True)

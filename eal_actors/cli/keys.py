@@ -100,7 +100,8 @@ def init_keys(
     new = _append_section(fleet, section) if write else None  # fails before a file is made
     made = make_authority(folder, str(root.get("name", fleet.stem)), force=force)
     (folder / REVOKED).unlink(missing_ok=True)  # it names certificates of the former authority
-    _keep_out_of_git(folder)
+    if not (ignore := folder / ".gitignore").exists():
+        ignore.write_text("*.key\n", encoding="utf-8")
     if new is not None:
         replace_file(fleet, new)
         advise(f"{fleet}: network section appended")
@@ -259,12 +260,6 @@ def _append_section(fleet: Path, section: str) -> str:
     finally:
         trial.unlink(missing_ok=True)
     return new
-
-
-def _keep_out_of_git(folder: Path) -> None:
-    ignore = folder / ".gitignore"
-    if not ignore.exists():
-        ignore.write_text("*.key\n", encoding="utf-8")
 
 
 def _robot_hosts(fleet: FleetConfig, name: str) -> Sequence[str]:

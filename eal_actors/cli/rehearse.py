@@ -60,7 +60,10 @@ def rehearse_scenario(
     first = request.config.seed
     chosen = list(dict.fromkeys(seed)) if seed else list(range(first, first + (seeds or _SEEDS)))
     console = stderr() if as_json else stdout()
-    _print_substitutes(console, twins)
+    for name, why in twins.replaced.items():
+        print_line(console, f"{name}: {why}", "dim")
+    for name, why in twins.left_out.items():
+        print_line(console, f"{name}: left out: {why}", "yellow")
     done = _rehearse_all(console, request, twins, margin, chosen)
     if as_json:
         write_json(_rehearsals_as_json(request, twins, margin, done))
@@ -89,13 +92,6 @@ def _rehearse_all(
             raise
         print_line(console, f"Stopped after {counted(len(done), 'seed')} of {len(seeds)}.", "yellow")
     return done
-
-
-def _print_substitutes(console: Console, twins: SimulatedFleet) -> None:
-    for name, why in twins.replaced.items():
-        print_line(console, f"{name}: {why}", "dim")
-    for name, why in twins.left_out.items():
-        print_line(console, f"{name}: left out: {why}", "yellow")
 
 
 def _print_rehearsals(console: Console, request: RunRequest, margin_m: float, done: Sequence[Rehearsal]) -> None:

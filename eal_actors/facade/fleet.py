@@ -99,7 +99,9 @@ class Fleet(FleetCalls):
 
         Thread: blocks the caller.
         """
-        wanted = self._with_trackers(EALConfigManager(self.config).select(robots))
+        chosen = EALConfigManager(self.config).select(robots)
+        names = {name for robot in chosen for name in (robot.name, *robot.pose.trackers)}
+        wanted = [robot for name, robot in self.config.robots.items() if name in names]
         self._starter.check(wanted)
         try:
             with self._start_lock:
@@ -115,11 +117,6 @@ class Fleet(FleetCalls):
             self.close()
             raise
         return self
-
-    def _with_trackers(self, robots: Iterable[RobotConfig]) -> tuple[RobotConfig, ...]:
-        """Return robots and the trackers that their poses need, in the order of the fleet."""
-        names = {name for robot in robots for name in (robot.name, *robot.pose.trackers)}
-        return tuple(robot for name, robot in self.config.robots.items() if name in names)
 
     def _wait_started(self, names: Iterable[str], timeout_s: float) -> None:
         """Wait until the robots are up or have failed, as long as one comes up every `timeout_s` real seconds."""

@@ -58,23 +58,17 @@ def import_plugin(manifest: PluginManifest) -> ModuleType:
         raise PluginError(f"plugin {manifest.name!r} has no plugin.py in {manifest.folder}")
     with _import_lock:
         for plugin in used:
-            _make_importable(plugin, manifest)
+            package, plain = _package_for(plugin.folder.resolve(), plugin.name), f"{_PACKAGE}.{plugin.name}"
+            if package != plain:
+                raise PluginError(
+                    f"plugin {manifest.name!r} uses the plugin {plugin.name!r} in {plugin.folder}, but another one of "
+                    f"that name, in {sys.modules[plain].__path__[0]}, is loaded"
+                )
         package = _package_for(manifest.folder.resolve(), manifest.name)
         try:
             return importlib.import_module(f"{package}.plugin")
         except (Exception, SystemExit) as error:
             raise PluginError(f"plugin {manifest.name!r} fails to import: {error_text(error)}") from error
-
-
-def _make_importable(plugin: PluginManifest, user: PluginManifest) -> None:
-    """Make a used plugin importable for the plugin that uses it."""
-    package = _package_for(plugin.folder.resolve(), plugin.name)
-    if package != f"{_PACKAGE}.{plugin.name}":
-        there = sys.modules[f"{_PACKAGE}.{plugin.name}"].__path__[0]
-        raise PluginError(
-            f"plugin {user.name!r} uses the plugin {plugin.name!r} in {plugin.folder}, but another one of that name, "
-            f"in {there}, is loaded"
-        )
 
 
 def _package_for(folder: Path, name: str) -> str:

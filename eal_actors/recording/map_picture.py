@@ -65,7 +65,11 @@ def draw_map(
     axes.imshow(_colours(grid), origin="lower", extent=extent, interpolation="none", transform=turn + axes.transData)
     if world is not None:
         draw_arena(axes, world)
-    _draw_path(axes, path)
+    if path:
+        xs, ys = zip(*path, strict=True)
+        axes.plot(xs, ys, **_PATH)
+        axes.plot(xs[:1], ys[:1], "o", color=_PATH["color"], markerfacecolor="white", markersize=9, zorder=5)
+        axes.plot(xs[-1:], ys[-1:], "o", color=_PATH["color"], markersize=9, zorder=5)
     _draw_places(axes, places or {})
     margin_m = 0.05 * max(east - west, north - south) + grid.resolution_m
     axes.set(xlim=(west - margin_m, east + margin_m), ylim=(south - margin_m, north + margin_m))
@@ -74,15 +78,6 @@ def draw_map(
     axes.legend(handles=_legend(has_path=bool(path)), loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
     figure.savefig(out, bbox_inches="tight")
     return out
-
-
-def _draw_path(axes: Axes, path: Sequence[tuple[float, float]]) -> None:
-    """Draw a path with its ends; the start is hollow."""
-    if path:
-        xs, ys = zip(*path, strict=True)
-        axes.plot(xs, ys, **_PATH)
-        axes.plot(xs[:1], ys[:1], "o", color=_PATH["color"], markerfacecolor="white", markersize=9, zorder=5)
-        axes.plot(xs[-1:], ys[-1:], "o", color=_PATH["color"], markersize=9, zorder=5)
 
 
 def _draw_places(axes: Axes, places: Mapping[str, tuple[float, float]]) -> None:

@@ -44,7 +44,7 @@ def keep_provenance(directory: Path, config: FleetConfig, scenario: Scenario) ->
     if config.world is not None:
         world = config.world.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
         (directory / WORLD).write_text(_as_yaml({"version": 1, **world}), encoding="utf-8")
-    (directory / SCENARIO).write_text(_source_text(scenario), encoding="utf-8", newline="")
+    (directory / SCENARIO).write_text("\n".join(scenario.lines), encoding="utf-8", newline="")
     if scenario.parts:
         _keep_parts(directory / SCENARIOS, scenario)
     (directory / VERSIONS).write_text(json.dumps(versions(), indent=2) + "\n", encoding="utf-8")
@@ -56,18 +56,13 @@ def _keep_parts(folder: Path, scenario: Scenario) -> None:
     waiting = [scenario]
     while waiting:
         one = waiting.pop()
-        files[one.source.resolve()] = _source_text(one)
+        files[one.source.resolve()] = "\n".join(one.lines)  # as it was read
         waiting += one.parts.values()
     above = Path(os.path.commonpath([file.parent for file in files]))
     for file, text in files.items():
         kept = folder / file.relative_to(above)
         kept.parent.mkdir(parents=True, exist_ok=True)
         kept.write_text(text, encoding="utf-8", newline="")
-
-
-def _source_text(scenario: Scenario) -> str:
-    """Return the text of a scenario's file as it was read."""
-    return "\n".join(scenario.lines)
 
 
 def resolved_fleet(config: FleetConfig) -> dict[str, Any]:

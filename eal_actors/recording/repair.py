@@ -44,18 +44,14 @@ def repair_record(directory: Path) -> float:
     """
     run = RunFolder.open(directory)
     with hold_record(directory):
-        return _repair(run)
-
-
-def _repair(run: RunFolder) -> float:
-    if (run.path / TRAJECTORY).exists():
-        cut_half_line(run.path / TRAJECTORY)
-    times_s = [float(event["time_s"]) for event in run.events]
-    times_s += [path[-1].time_s for path in run.paths.values()]
-    try:
-        times_s.append(merge_record(run))
-    except UnsupportedError as error:
-        get_logger().warning("run.mcap ends where the run was interrupted", reason=error.message)
+        if (run.path / TRAJECTORY).exists():
+            cut_half_line(run.path / TRAJECTORY)
+        times_s = [float(event["time_s"]) for event in run.events]
+        times_s += [path[-1].time_s for path in run.paths.values()]
+        try:
+            times_s.append(merge_record(run))
+        except UnsupportedError as error:
+            get_logger().warning("run.mcap ends where the run was interrupted", reason=error.message)
     return (math.ceil(max(times_s, default=0.0) * _MS) + 1) / _MS
 
 

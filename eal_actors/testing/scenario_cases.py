@@ -87,7 +87,9 @@ class ScenarioCase(pytest.Item):
         seed = self.config.getoption("--eal-seed")
         config = replace(config, seed=config.seed if seed is None else seed)
         self.user_properties += [("eal_fleet", str(short_path(fleet))), ("eal_seed", config.seed)]
-        directory = _new_folder(self.config, self.name)
+        # Beside the folders of `tmp_path`, which pytest keeps for its last three runs; pytest's own items do the same.
+        factory: pytest.TempPathFactory = self.config._tmp_path_factory  # type: ignore[attr-defined]  # noqa: SLF001
+        directory = factory.mktemp(re.sub(r"\W", "_", self.name)[:30], numbered=True)
         report = self._run(config, directory)
         if report.outcome == "done" and not any(map(self._is_broken, report.steps)):
             shutil.rmtree(directory)
@@ -143,9 +145,3 @@ class ScenarioCase(pytest.Item):
     def reportinfo(self) -> tuple[Path, int, str]:
         """Return the file, the line and the name."""
         return self.path, 0, f"scenario {self.name}"
-
-
-def _new_folder(config: pytest.Config, name: str) -> Path:
-    """Return a folder beside those of `tmp_path`, which pytest keeps for its last three runs."""
-    factory: pytest.TempPathFactory = config._tmp_path_factory  # type: ignore[attr-defined]  # noqa: SLF001  # as its own items do
-    return factory.mktemp(re.sub(r"\W", "_", name)[:30], numbered=True)

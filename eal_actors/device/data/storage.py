@@ -232,7 +232,7 @@ def checked_shape(c_type: CType, length: int, shape: Sequence[int] | None, dtype
     if shape is None or dtype is None:
         raise DataError(f"shape {short_repr(shape)} and dtype {short_repr(dtype)} must be given together")
     taken = c_type.dtype if c_type.is_ptr else None
-    if taken is None or dtype != taken:
+    if dtype != taken:
         takes = taken or "no numpy array"
         raise DataError(f"dtype: {short_repr(dtype)} does not fit {c_type.full_name}, which takes {takes}")
     if not isinstance(shape, (list, tuple)) or len(shape) > MOST_DIMENSIONS:

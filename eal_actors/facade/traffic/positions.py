@@ -53,7 +53,9 @@ class RobotPositions:
         timeout_s = clock.of_real(_READ_TIMEOUT_S)
         robots = {name: robot for name, robot in self._robots.items() if "Base" in robot and "Pose" in robot}
         poses, lost = _poses(robots, travelling, clock, timeout_s)
-        self._read_radii(robots, timeout_s)
+        for name, robot in robots.items():
+            if name not in self.radii_m:
+                self.radii_m[name] = radius_m_of(robot, timeout_s=timeout_s)
         self.known = []
         errors: dict[str, EALError] = {}
         for name, pose in poses.items():
@@ -66,11 +68,6 @@ class RobotPositions:
             elif name not in self.places and robots[name].state is RobotState.READY:
                 get_logger(robot=name).warning("its place is unknown: nobody can drive round it", reason=str(error))
         return errors
-
-    def _read_radii(self, robots: Mapping[str, RobotHandle], timeout_s: float) -> None:
-        for name, robot in robots.items():
-            if name not in self.radii_m:
-                self.radii_m[name] = radius_m_of(robot, timeout_s=timeout_s)
 
 
 def _poses(

@@ -97,7 +97,11 @@ def branch(request: BranchRequest, runs_dir: Path) -> Branch:
     config = load_content(content, past.config.source)
     copied = RepeatedPast(past.folder, round(request.at_s - _SAMPLED_S, 3), start_s, request.at_s)
     for repeated in (copied, None) if copied.until_s > 0 else (None,):
-        directory = _new_folder(request, runs_dir, scenario.name)
+        directory = new_run_folder(runs_dir, f"{scenario.name}-branch")
+        facts = {"run": str(request.run), "at_s": request.at_s, "without": list(request.without)}
+        facts |= {"added": dict(request.added), "parameters": dict(request.parameters)}
+        with folder_errors(directory):
+            (directory / BRANCH).write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
         report = _perform(scenario, config, past, directory, (request.at_s, values), repeated)
         made = RunFolder.open(directory)
         before = first_difference(past.folder, made, request.at_s)
@@ -110,16 +114,6 @@ def branch(request: BranchRequest, runs_dir: Path) -> Branch:
             )
         shutil.rmtree(directory)  # samples change this past, such as by noise that every reading draws
     raise AssertionError("the last try returns or raises")
-
-
-def _new_folder(request: BranchRequest, runs_dir: Path, scenario: str) -> Path:
-    """Make the branch's folder, with the request in it."""
-    directory = new_run_folder(runs_dir, f"{scenario}-branch")
-    facts = {"run": str(request.run), "at_s": request.at_s, "without": list(request.without)}
-    facts |= {"added": dict(request.added), "parameters": dict(request.parameters)}
-    with folder_errors(directory):
-        (directory / BRANCH).write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
-    return directory
 
 
 def _perform(

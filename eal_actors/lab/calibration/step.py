@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from eal_actors.actors.handles import RobotHandle
 from eal_actors.device.differential_base import NOMINAL
 from eal_actors.kernel.errors import ArgumentError, ScenarioError
 from eal_actors.lab.calibration.drive import calibration_of_base, wheelbase_of
@@ -67,20 +66,18 @@ def fit_umbmark(
     if (ends is None) == (file is None):
         raise ScenarioError("fit_umbmark needs either `ends` or `file`")
     measured = read_square_ends(Path(file)) if file is not None else _measured(ends or (), start)
-    fit = _fit(robot, measured, side_m, wheelbase_m)
-    context.log(_summarize(measured, fit))
-    found = {**fit.calibration.model_dump(), "error_m": measured.error_m, "left_over_m": fit.left_over_m}
-    if context.directory is not None:
-        _keep(context.directory / robot.name, name, measured, found)
-    return found
-
-
-def _fit(robot: RobotHandle, measured: SquareEnds, side_m: float, wheelbase_m: float | None) -> Fit:
-    """Fit from the calibration that the base uses now, which the result replaces."""
     base_m = wheelbase_m or wheelbase_of(robot)
     if base_m is None:
         raise ScenarioError("fit_umbmark needs `wheelbase_m`: the Base has none").at(robot.name)
-    return fit_squares(measured, side_m, base_m, calibration_of_base(robot) or NOMINAL)
+    fit = fit_squares(measured, side_m, base_m, calibration_of_base(robot) or NOMINAL)  # which the result replaces
+    context.log(_summarize(measured, fit))
+    found = {**fit.calibration.model_dump(), "error_m": measured.error_m, "left_over_m": fit.left_over_m}
+    if context.directory is not None:
+        folder = context.directory / robot.name
+        folder.mkdir(parents=True, exist_ok=True)
+        write_square_ends(measured, folder / f"{name}.csv")
+        (folder / f"{name}.json").write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+    return found
 
 
 def _summarize(measured: SquareEnds, fit: Fit) -> str:
@@ -89,12 +86,6 @@ def _summarize(measured: SquareEnds, fit: Fit) -> str:
         f"off by {measured.error_m * 1000:.0f} mm: E_b {fit.calibration.track_factor:.4f}, "
         f"E_d {fit.calibration.wheel_ratio:.4f}, {fit.left_over_m * 1000:.0f} mm remain{doubt}"
     )
-
-
-def _keep(folder: Path, name: str, measured: SquareEnds, found: Mapping[str, float]) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
-    write_square_ends(measured, folder / f"{name}.csv")
-    (folder / f"{name}.json").write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
 
 
 def _measured(ends: Sequence[Sequence[Any]], start: Sequence[float]) -> SquareEnds:

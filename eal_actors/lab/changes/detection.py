@@ -58,7 +58,8 @@ def find_changes(before: Image, after: Image, *, slack_share: float = 0.04, leas
         raise ArgumentError(f"a picture must be (h, w, 3) and at least 64 pixels wide and high, not {before.shape}")
     scale = before.shape[1] / _WIDTH_PX
     one, other = _shrink(before, scale), _shrink(after, scale)
-    one = _match_brightness(one, other)
+    gain = float(np.median((other.mean(axis=2) + 1) / (one.mean(axis=2) + 1)))  # robust against changed objects
+    one = np.asarray(np.minimum(one * gain, 255.0), np.float32)
     slack_px = max(1, math.ceil(slack_share * _WIDTH_PX))
     unlike = np.maximum(_dissimilarity(one, other, slack_px), _dissimilarity(other, one, slack_px))
     typical = float(np.median(unlike))
@@ -73,12 +74,6 @@ def _shrink(image: Image, scale: float) -> _Floats:
     size = (_WIDTH_PX, max(1, round(image.shape[0] / scale)))
     small = cv2.resize(image, size, interpolation=cv2.INTER_AREA if scale > 1 else cv2.INTER_LINEAR)
     return np.asarray(small, np.float32)
-
-
-def _match_brightness(one: _Floats, other: _Floats) -> _Floats:
-    """Return a picture with the brightness of another; the median makes it robust against changed objects."""
-    gain = float(np.median((other.mean(axis=2) + 1) / (one.mean(axis=2) + 1)))
-    return np.asarray(np.minimum(one * gain, 255.0), np.float32)
 
 
 def _dissimilarity(one: _Floats, other: _Floats, slack_px: int) -> _Floats:

@@ -8,7 +8,7 @@ the rest of their paths to the estimated poses. The twins pass through each othe
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,7 +21,7 @@ import numpy.typing as npt
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.twins import SimulatedFleet
-from eal_actors.recording.poses import PoseRecorder, PoseSample
+from eal_actors.recording.poses import PoseRecorder
 from eal_actors.scenario import Run, RunEvent, Scenario, StepEnded, StepStarted, make_plan
 from eal_actors.scenario.language.binding import Wishes
 
@@ -119,10 +119,6 @@ def rehearse_scripts(scenario: Scenario, fleet: SimulatedFleet, binding: Wishes 
             finally:
                 timer.cancel()
         paths = recorder.paths_since(run.start_s)
-    return _scripts(steps, paths)
-
-
-def _scripts(steps: Mapping[str, list[ScriptStep]], paths: Mapping[str, Sequence[PoseSample]]) -> dict[str, Script]:
     scripts = {}
     for robot, path in paths.items():
         if path and all(math.isfinite(sample.x_m) for sample in path):

@@ -104,7 +104,9 @@ def _measures(done: Sequence[SweepResult]) -> dict[str, dict[str, float]]:
 
 
 def _draw_panel(axes: Axes, done: Sequence[SweepResult], first: str, values: Mapping[str, float]) -> None:
-    positions = _axis_positions([result.job.varied[first] for result in done])
+    each = dict.fromkeys(result.job.varied[first] for result in done)
+    has_numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in each)
+    positions = {value: float(value if has_numbers else index) for index, value in enumerate(each)}
     lines = list(_group_by_line(done, first, values).items())[:_MOST_LINES]
     for number, (label, points) in enumerate(lines):
         ordered = sorted((positions[value], group) for value, group in points.items())
@@ -114,7 +116,7 @@ def _draw_panel(axes: Axes, done: Sequence[SweepResult], first: str, values: Map
         if any(len(group) > 1 for group in groups):
             low, high = list(map(min, groups)), list(map(max, groups))
             axes.fill_between(x, low, high, color=colour, alpha=0.2, linewidth=0)
-    if not _are_numbers(positions):
+    if not has_numbers:
         axes.set_xticks(list(positions.values()), [str(value) for value in positions])
 
 
@@ -130,13 +132,3 @@ def _group_by_line(
             points = lines.setdefault(label, {})
             points.setdefault(result.job.varied[first], []).append(values[result.job.name])
     return lines
-
-
-def _axis_positions(values: Sequence[Any]) -> dict[Any, float]:
-    """Return the position of each value on the axis: its own number, or its index if not all values are numbers."""
-    each = dict.fromkeys(values)
-    return {value: float(value) if _are_numbers(each) else float(index) for index, value in enumerate(each)}
-
-
-def _are_numbers(values: Mapping[Any, object]) -> bool:
-    return all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)

@@ -123,9 +123,12 @@ class Rehearser:
             with TemporaryDirectory(prefix="eal-plan-") as folder:
                 file = Path(folder) / _FILE
                 file.write_text(text, encoding="utf-8")
-                return _result(self._run(file, parameters))
+                summary = self._run(file, parameters)
         finally:
             self._lock.release()
+        problems = [problem for run in summary["runs"] if (problem := _problem_of(run)) is not None]
+        longest_s = max((run["duration_s"] for run in summary["runs"]), default=0.0)
+        return RehearsalResult(summary, longest_s, problems[0] if problems else None)
 
     def _run(self, file: Path, parameters: Mapping[str, object]) -> dict[str, Any]:
         fleet = str(self._fleet_file.resolve())
@@ -156,12 +159,6 @@ class Rehearser:
         if "error" in found:
             raise ScenarioError(f"{_FILE}:1:1: the plan cannot be rehearsed: {found['error']['message']}")
         return found
-
-
-def _result(summary: dict[str, Any]) -> RehearsalResult:
-    problems = [problem for run in summary["runs"] if (problem := _problem_of(run)) is not None]
-    longest_s = max((run["duration_s"] for run in summary["runs"]), default=0.0)
-    return RehearsalResult(summary, longest_s, problems[0] if problems else None)
 
 
 def _problem_of(run: dict[str, Any]) -> str | None:

@@ -12,7 +12,7 @@ import itertools
 import json
 import logging
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any, Final, Self
 
@@ -90,7 +90,11 @@ class LiveView:
         self._angles = scanner_angles(self._infos, [SampleSpec(value, _VALUE_PERIOD_S) for value in self._values])
         self._transforms: dict[str, Message] = {}
         self._newest_s: dict[str, float] = {}
-        self._scenes = self._make_scenes()
+        self._scenes: dict[str, Message] = {}
+        if fleet.config.world is not None:
+            self._scenes[ARENA_TOPIC] = messages.scene_message(fleet.config.world)
+        if radii_m := hull_radii_m(fleet, self._infos):
+            self._scenes[HULLS_TOPIC] = messages.hull_message(radii_m)
         self._control = ViewerControl(fleet) if allow_control else None
         self._sampler = Sampler(fleet.clock, self._poses, self._add_pose)
         self._pending: dict[str, tuple[Future[EALData], Callable[[EALData], None]]] = {}
@@ -246,14 +250,6 @@ class LiveView:
         self._log(topic, schema, message, time_s)
 
     # Scenes, states and events.
-
-    def _make_scenes(self) -> Mapping[str, Message]:
-        scenes = {}
-        if self._fleet.config.world is not None:
-            scenes[ARENA_TOPIC] = messages.scene_message(self._fleet.config.world)
-        if radii_m := hull_radii_m(self._fleet, self._infos):
-            scenes[HULLS_TOPIC] = messages.hull_message(radii_m)
-        return scenes
 
     def send_scene(self, topic: str) -> None:
         """Send a scene again, for a viewer that has just asked for it. Thread: any."""

@@ -109,7 +109,12 @@ def _attempt(problem: TrafficProblem, chance: random.Random, max_work: int) -> l
             known[config] = _Node(config, node, _priorities(problem, node, config))
             least = min(least, problem.late(config), key=len)
         open_nodes.append(known[config])
-    return _paths_to(open_nodes[-1])
+    configs = []
+    step: _Node | None = open_nodes[-1]
+    while step is not None:
+        configs.append(step.config)
+        step = step.parent
+    return [trimmed(list(places)) for places in zip(*reversed(configs), strict=True)]
 
 
 def _grow(problem: TrafficProblem, node: _Node, constraint: _Constraint, chance: random.Random) -> None:
@@ -128,12 +133,3 @@ def _priorities(problem: TrafficProblem, node: _Node, config: tuple[int, ...]) -
         priority - int(priority) if place == goal or number in anywhere else priority + 1
         for number, (priority, place, goal) in enumerate(zip(node.priorities, config, problem.goals, strict=True))
     ]
-
-
-def _paths_to(node: _Node) -> list[Path]:
-    configs = []
-    step: _Node | None = node
-    while step is not None:
-        configs.append(step.config)
-        step = step.parent
-    return [trimmed(list(places)) for places in zip(*reversed(configs), strict=True)]

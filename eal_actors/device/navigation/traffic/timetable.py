@@ -77,7 +77,9 @@ class Timetable:
         """
         problem, table, places = self._problem, self._problem.distances[number], len(self._problem.neighbours)
         start, goal, span = problem.starts[number], problem.goals[number], self.end + 1
-        free_from = self._free_from(goal)
+        free_from = self.end + 1  # nobody visits the goal from then on
+        while free_from and self._at[free_from - 1][goal] == NOBODY and not self._closed[free_from - 1, goal]:
+            free_from -= 1
         most_steps = min(most_steps, self.end)
         entries = [(max(table[start], free_from) * span + span) * places + start]
         before: dict[int, int] = {start: NOBODY}  # by step * places + place
@@ -96,13 +98,6 @@ class Timetable:
                     before[later + other] = step * places + place
                     heapq.heappush(entries, (total * span + span - step - 1) * places + other)
         return None
-
-    def _free_from(self, goal: int) -> int:
-        """Return the first step from which nobody visits a place any more."""
-        step = self.end
-        while step >= 0 and self._at[step][goal] == NOBODY and not self._closed[step, goal]:
-            step -= 1
-        return step + 1
 
     def _open_moves(self, number: int, place: int, step: int) -> list[int]:
         now, after, blocks, closed = self._at[step], self._at[step + 1], self._problem.blocks, self._closed
