@@ -30,7 +30,6 @@ class ReadinessActor(ActivityActor):
         """Report why the device is not ready; None if it is."""
 
     def _watch_readiness(self) -> None:
-        """Check the readiness now and periodically."""
         self._check_readiness()
         self.actor_inbox.call_later(READINESS_PERIOD_S, self._watch_readiness)
 

@@ -81,7 +81,6 @@ def plugin_advice(fleet: Fleet) -> Iterator[None]:
 
 
 def _advice(config: FleetConfig, problem: PluginError) -> Iterator[str]:
-    """Yield what to do about a plugin that did not connect."""
     folder = "FOLDER"
     manifests = EALPluginManager(config.plugin_dirs).manifests
     robot = config.robots.get(problem.robot or "")

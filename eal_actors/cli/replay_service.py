@@ -65,7 +65,6 @@ class _Playback:
                 self._clock.wait(waiter, min(rest_s, self._clock.of_real(_REDRAW_S)) if console.is_terminal else rest_s)
 
     def summary(self) -> str:
-        """Return how much was replayed, for people."""
         gone_s, took_s = self._gone_s(), REAL_TIME.now() - self._start_real_s
         what = f"{gone_s:.1f} s" if self._loops else f"{min(gone_s, self._duration_s):.1f} of {self._duration_s:.1f} s"
         return f"replayed {what}, served for {took_s:.1f} s"

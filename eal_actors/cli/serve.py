@@ -85,7 +85,6 @@ def _with_identity(config: FleetConfig, out: Console) -> FleetConfig:
 
 
 def _identity_line(config: FleetConfig) -> str:
-    """Return whose the robot is."""
     if config.network.identity is not None:
         return f"fleet {config.name}, identity {config.network.identity}"
     if config.network.security is not None:

@@ -126,7 +126,6 @@ def _print_report(report: dict[str, Any], field_of_view_deg: float) -> None:
 
 
 def _notes(report: dict[str, Any], field_of_view_deg: float) -> list[str]:
-    """Return notes on missing frames, gaps and the field of view."""
     notes = []
     left_out = sum(frame["left_out"] is not None for frame in report["frames"])
     if left_out:

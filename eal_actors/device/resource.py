@@ -111,7 +111,6 @@ class _Setting:
         return self
 
     def set(self, resource: Resource, value: Any) -> None:
-        """Set the attribute of a resource to a checked value."""
         setattr(resource, self._name, float(value) if self._is_float else value)
 
 

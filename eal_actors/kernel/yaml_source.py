@@ -226,7 +226,6 @@ class _ValueBuilder:
             self.problems[Problem(mark.file, mark.line, mark.column, format_path(path), message)] = None
 
     def build(self, node: yaml.Node, path: YamlPath) -> Any:
-        """Return the value of a node and report its problems."""
         self._values += 1
         if self._values > self._most_values:
             self.report(node, (), f"the file has more than {self._most_values} values, each use of an anchor counted")

@@ -103,7 +103,6 @@ class _WorkerProcess(Generic[T, R]):
         return self._pipe.poll() or not self._process.is_alive() or self.end_s <= REAL_TIME.now()
 
     def begin(self, task: T) -> None:
-        """Start a task."""
         self._task, self.end_s = task, REAL_TIME.now() + RUN_LIMIT_S
         with contextlib.suppress(OSError):  # it has died; `answer` reports that
             self._pipe.send(task)

@@ -235,7 +235,6 @@ class _Resolver:
             return None
 
     def map_path(self) -> Path | None:
-        """Return the map file, or None if the fleet has none."""
         target = self._tree.root.get("map")
         path = _beside(self._tree.mark_at(("map",)), target) if isinstance(target, str) else None
         if path is not None and path.is_file():

@@ -38,7 +38,6 @@ class _NetworkCheck:
         self._security = security if isinstance(security, MarkedDict) else None
 
     def clock(self) -> Iterator[Problem]:
-        """Yield contradictions between the clock and the robots."""
         clock = self._tree.root.get("clock")
         if isinstance(clock, MarkedDict) and clock.get("rate") == MAX:
             remote = [name for name, (_, levels) in self._robots.items() if levels.get("address") is not None]
@@ -96,7 +95,6 @@ class _NetworkCheck:
             )
 
     def routers(self) -> Iterator[Problem]:
-        """Yield the problems of the routers' endpoints."""
         for index, text in enumerate(self._routers):
             at: YamlPath = ("network", "routers", index)
             if isinstance(text, str):
@@ -105,7 +103,6 @@ class _NetworkCheck:
                     yield self._tree.problem(at, f"'{text}' is named already")
 
     def roles(self) -> Iterator[Problem]:
-        """Yield the problems of the names in the roles."""
         if self._security is None:
             return
         roles = self._security.section("roles")

@@ -152,7 +152,6 @@ def _write_names(axes: Axes, world: WorldModel) -> None:
 
 
 def _legend(world: WorldModel) -> list[Artist]:
-    """Return one entry for each kind of thing in the world."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 

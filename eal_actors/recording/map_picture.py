@@ -81,7 +81,6 @@ def draw_map(
 
 
 def _draw_places(axes: Axes, places: Mapping[str, tuple[float, float]]) -> None:
-    """Draw places with their names."""
     from matplotlib.patheffects import withStroke
 
     for name, (x_m, y_m) in places.items():
@@ -91,7 +90,6 @@ def _draw_places(axes: Axes, places: Mapping[str, tuple[float, float]]) -> None:
 
 
 def _legend(*, has_path: bool) -> list[Artist]:
-    """Return the entries of the legend."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 

@@ -99,7 +99,6 @@ def _cell_of(grid: OccupancyGrid, point: Point, role: str) -> _Cell:
 
 
 def _reason(grid: OccupancyGrid, cell: _Cell, point: Point, role: str) -> str:
-    """Return the reason why no robot can be in a blocked cell."""
     reasons = {UNKNOWN: "on unknown floor", INFLATED: "too near to an obstacle for the robot"}
     return f"the {role} {_shown(point)} is {reasons.get(int(grid.cells[cell]), 'inside an obstacle')}"
 

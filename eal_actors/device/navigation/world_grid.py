@@ -77,7 +77,6 @@ class _Painter:
         self.occupied[window] |= touched
 
     def disc(self, x_m: float, y_m: float, radius_m: float) -> None:
-        """Mark a disc."""
         window, east, north = self._window(x_m - radius_m, x_m + radius_m, y_m - radius_m, y_m + radius_m)
         beyond_x_m = np.maximum(np.abs(east - x_m) - self._half_m, 0)
         beyond_y_m = np.maximum(np.abs(north - y_m) - self._half_m, 0)

@@ -116,7 +116,6 @@ def with_values(text: str, mark: Mark, values: Mapping[str, Any]) -> str:
 
 
 def _node_at(node: yaml.Node | None, mark: Mark) -> yaml.Node | None:
-    """Return the value that begins at a place."""
     waiting = [node]
     while waiting:
         one = waiting.pop()

@@ -90,7 +90,6 @@ class _Problem:
         return np.concatenate((first, parallax.nearness, self.yaws_rad, zeros, zeros))
 
     def lens_of(self, parameters: Floats) -> CameraLens:
-        """Return the lens of some parameters."""
         zoom = math.exp(float(np.clip(parameters[0], -_MOST_ZOOM, _MOST_ZOOM)))
         view_rad = 2 * math.atan(math.tan(self.given.field_of_view_rad / 2) / zoom)
         return replace(self.given, field_of_view_rad=view_rad, k1=float(parameters[1]))
@@ -143,7 +142,6 @@ class _Problem:
         )
 
     def cost(self, parameters: Floats, scale: float) -> float:
-        """Return what is to be minimised."""
         squares = (self.misses(parameters) ** 2).sum(axis=0)
         return float((scale**2 * np.log1p(squares / scale**2)).sum() + (self.priors(parameters) ** 2).sum())
 

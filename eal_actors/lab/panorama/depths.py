@@ -100,7 +100,6 @@ class _Sweep:
         self._labels: Final = np.geomspace(least, most, count)
 
     def yaws_rad(self, columns: NDArray[np.int64]) -> Floats:
-        """Return the yaws of sample columns."""
         return (columns + 0.5) * _STEP_RAD
 
     def map_of(self, labels: Floats) -> DepthMap:

@@ -149,7 +149,6 @@ class _PolicyCheck(RobotCheck):
         self._seed = fleet.config.seed
 
     def judge(self, scenario: Scenario, plan: Plan) -> list[Problem]:
-        """Return the problems of a plan under the rule."""
         everyone = {role: (*names, *plan.spares.get(role, ())) for role, names in plan.roles.items()}
         with self.budget.applied():
             values = StaticValues({**scenario.parameters, "run": {"seed": self._seed}})

@@ -110,7 +110,6 @@ class Dispatcher:
         return None
 
     def _execute_run(self, message: Any, browser: str) -> dict[str, Any]:
-        """Return the answer to a message about scenarios, runs and plans."""
         match message:
             case messages.ListScenarios():
                 return {"scenarios": self._runs.list_scenarios()}

@@ -258,7 +258,6 @@ class Run:
             self._emit(partial(checkpoints.make_checkpoint, self._run, next_step))
 
     def _perform_steps(self) -> Coroutine:
-        """Perform the steps of the top level."""
         run, steps = self._run, self._file.steps
         task = StepTask(meets=find_meetings(run.main, steps))
         context = ExecutionContext(task, run.main)
@@ -305,7 +304,6 @@ class Run:
     # The report.
 
     def _conclude(self) -> Report:
-        """Write and return the report."""
         if self._run.threads:
             join_threads(self._run.threads, self._fleet.clock)
         duration_s = self._run.now_s()

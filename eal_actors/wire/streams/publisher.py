@@ -220,14 +220,12 @@ class _PublishedStream:
         return sum(keys.certificate_id(reader) == owner for reader in list(self.leases))
 
     def offer(self, item: Item) -> None:
-        """Replace the newest value; see Sink."""
         with self._lock:
             is_first, self._item = self._item is None, item
         if is_first:
             self._publisher.publish(self)
 
     def take(self) -> Item:
-        """Return the newest value."""
         with self._lock:
             item, self._item = self._item, None
         assert item is not None  # noqa: S101  # each `publish` follows the first offer after a `take`

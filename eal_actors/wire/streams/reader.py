@@ -165,7 +165,6 @@ class _Subscription:
             self.offer(answer)
 
     def end(self) -> None:
-        """End the subscription."""
         undeclare, self.undeclare = self.undeclare, None
         if undeclare is not None:
             undeclare()
@@ -189,7 +188,6 @@ class _RemoteFeed:
             self._sink(item)
 
     def close(self) -> None:
-        """Close the feed."""
         if not self.is_closed:
             self.is_closed = True
             self._feeds.leave(self)

@@ -60,7 +60,6 @@ def _places(start: Point, end: Point, pitch_m: float) -> list[Point]:
 
 
 def _mark_disc(cells: np.ndarray, grid: OccupancyGrid, at: Point, radius_m: float) -> None:
-    """Mark the cells that a disc touches as occupied."""
     ((column, row),) = grid.continuous(at).tolist()
     reach = radius_m / grid.resolution_m
     rows, columns = (
