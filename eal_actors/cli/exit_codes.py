@@ -14,23 +14,7 @@ from rich.text import Text
 from eal_actors.cli.options import GlobalOptions
 from eal_actors.cli.output import counted, stderr, write_json
 from eal_actors.cli.problems import print_problems
-from eal_actors.kernel.errors import (
-    ArgumentError,
-    BusyError,
-    ConfigError,
-    DataError,
-    DeadlineError,
-    EALError,
-    PlaceNotFoundError,
-    PluginError,
-    Problem,
-    RemoteError,
-    ResourceNotFoundError,
-    RobotFailedError,
-    RobotNotFoundError,
-    UnavailableError,
-    UnsupportedError,
-)
+from eal_actors.kernel import errors
 from eal_actors.kernel.log import get_logger
 
 
@@ -64,30 +48,30 @@ SEE_PORT: Final = "`ss -ltnp` shows the program: stop it, or choose another port
 
 _FORBIDDEN: Final = re.compile(r"the group (\S+) may open it, and (\S+) has not been in it")
 _RESOURCES: Final = "`eal resources --fleet FLEET --robot ROBOT` lists resources and their commands."
-_TABLE: Final[tuple[tuple[type[EALError], ExitCode, str], ...]] = (
-    (ConfigError, ExitCode.BAD_INPUT, ""),
-    (RobotNotFoundError, ExitCode.BAD_INPUT, "`eal resources --fleet FLEET` lists the robots."),
-    (ResourceNotFoundError, ExitCode.BAD_INPUT, _RESOURCES),
-    (PlaceNotFoundError, ExitCode.BAD_INPUT, "`eal world FILE` lists the places of a world."),
-    (UnsupportedError, ExitCode.BAD_INPUT, ""),
-    (ArgumentError, ExitCode.BAD_INPUT, _RESOURCES),
-    (DataError, ExitCode.BAD_INPUT, ""),
-    (RobotFailedError, ExitCode.UNREACHABLE, SEE_DEVICE),
-    (UnavailableError, ExitCode.UNREACHABLE, SEE_DEVICE),
-    (RemoteError, ExitCode.UNREACHABLE, ""),
-    (PluginError, ExitCode.UNREACHABLE, "Details: `eal plugin check FOLDER`"),
-    (DeadlineError, ExitCode.FAILED, "If it needs more time, raise --timeout-s, or timeout_s in the file."),
-    (BusyError, ExitCode.FAILED, "Wait until the robot has worked off its queue, then try again."),
-    (EALError, ExitCode.FAILED, ""),
+_TABLE: Final[tuple[tuple[type[errors.EALError], ExitCode, str], ...]] = (
+    (errors.ConfigError, ExitCode.BAD_INPUT, ""),
+    (errors.RobotNotFoundError, ExitCode.BAD_INPUT, "`eal resources --fleet FLEET` lists the robots."),
+    (errors.ResourceNotFoundError, ExitCode.BAD_INPUT, _RESOURCES),
+    (errors.PlaceNotFoundError, ExitCode.BAD_INPUT, "`eal world FILE` lists the places of a world."),
+    (errors.UnsupportedError, ExitCode.BAD_INPUT, ""),
+    (errors.ArgumentError, ExitCode.BAD_INPUT, _RESOURCES),
+    (errors.DataError, ExitCode.BAD_INPUT, ""),
+    (errors.RobotFailedError, ExitCode.UNREACHABLE, SEE_DEVICE),
+    (errors.UnavailableError, ExitCode.UNREACHABLE, SEE_DEVICE),
+    (errors.RemoteError, ExitCode.UNREACHABLE, ""),
+    (errors.PluginError, ExitCode.UNREACHABLE, "Details: `eal plugin check FOLDER`"),
+    (errors.DeadlineError, ExitCode.FAILED, "If it needs more time, raise --timeout-s, or timeout_s in the file."),
+    (errors.BusyError, ExitCode.FAILED, "Wait until the robot has worked off its queue, then try again."),
+    (errors.EALError, ExitCode.FAILED, ""),
 )
 
 
-def exit_code(error: EALError) -> ExitCode:
+def exit_code(error: errors.EALError) -> ExitCode:
     """Return the exit code of an error."""
     return _row(error)[1]
 
 
-def report_error(error: EALError, options: GlobalOptions, *, as_json: bool = False) -> ExitCode:
+def report_error(error: errors.EALError, options: GlobalOptions, *, as_json: bool = False) -> ExitCode:
     """Print an error and what to do next on stderr; return its exit code.
 
     `--log-format json` makes it a log line; `--log-level debug` adds the traceback. In a command with `--json`, it is
@@ -103,7 +87,7 @@ def report_error(error: EALError, options: GlobalOptions, *, as_json: bool = Fal
     console = stderr()
     if options.log_level == "debug":
         console.print("".join(traceback.format_exception(error)), end="", soft_wrap=True)
-    if isinstance(error, ConfigError):
+    if isinstance(error, errors.ConfigError):
         print_problems(console, error.problems)
         advice = f"{counted(len(error.problems), 'problem')}; nothing was done."
     else:
@@ -114,21 +98,23 @@ def report_error(error: EALError, options: GlobalOptions, *, as_json: bool = Fal
     return code
 
 
-def write_error(name: str, message: str, code: ExitCode, advice: str = "", problems: Sequence[Problem] = ()) -> None:
+def write_error(
+    name: str, message: str, code: ExitCode, advice: str = "", problems: Sequence[errors.Problem] = ()
+) -> None:
     """Write an error to stdout as JSON, in place of the result of a command with `--json`."""
     about: dict[str, Any] = {"code": name, "message": message, "exit_code": int(code), "advice": advice}
     about["url"] = f"{TROUBLESHOOTING}#{name}"
     write_json({"error": {**about, "problems": [asdict(problem) for problem in problems]}})
 
 
-def _advice(error: EALError) -> str:
+def _advice(error: errors.EALError) -> str:
     """Return what to do about an error: its notes, which are more specific, or the advice of the table."""
     if notes := getattr(error, "__notes__", ()):
         return "\n".join(notes)
     in_use = ("the port is in use", "Address already in use")
-    if isinstance(error, UnavailableError) and any(words in error.message for words in in_use):
+    if isinstance(error, errors.UnavailableError) and any(words in error.message for words in in_use):
         return SEE_PORT
-    if isinstance(error, RobotFailedError | UnavailableError) and "abandoned" in error.message:
+    if isinstance(error, errors.RobotFailedError | errors.UnavailableError) and "abandoned" in error.message:
         return SEE_BLOCKING
     return advise_on_device(error.message) or _row(error)[2]
 
@@ -142,5 +128,5 @@ def advise_on_device(message: str) -> str:
     return SEE_HOLDER if "has it open" in message else ""
 
 
-def _row(error: EALError) -> tuple[type[EALError], ExitCode, str]:
+def _row(error: errors.EALError) -> tuple[type[errors.EALError], ExitCode, str]:
     return next(row for row in _TABLE if isinstance(error, row[0]))
