@@ -45,7 +45,12 @@ def compare_runs(left: RunFolder, right: RunFolder, tolerance: float = 0.0) -> I
         yield from _compare_values(f"events[{number}]", one, other, tolerance)
     for robot in sorted({*left.paths, *right.paths}):
         yield from _compare_paths(robot, left.paths.get(robot, []), right.paths.get(robot, []), tolerance)
-    yield from _compare_files(left.path, right.path)
+    for name in sorted(_saved_files(left.path) | _saved_files(right.path)):
+        one, other = left.path / name, right.path / name
+        if not (one.is_file() and other.is_file()):
+            yield Difference(name, *("a file" if file.is_file() else "nothing" for file in (one, other)))
+        elif one.read_bytes() != other.read_bytes():
+            yield Difference(name, f"{one.stat().st_size} bytes", f"{other.stat().st_size} other bytes")
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,15 +178,6 @@ def _format_pose(sample: PoseSample | None) -> str:
     if sample is None:
         return "nothing"
     return f"({sample.x_m:.6f} m, {sample.y_m:.6f} m, {sample.yaw_rad:.6f} rad)"
-
-
-def _compare_files(left: Path, right: Path) -> Iterator[Difference]:
-    for name in sorted(_saved_files(left) | _saved_files(right)):
-        one, other = left / name, right / name
-        if not (one.is_file() and other.is_file()):
-            yield Difference(name, *("a file" if file.is_file() else "nothing" for file in (one, other)))
-        elif one.read_bytes() != other.read_bytes():
-            yield Difference(name, f"{one.stat().st_size} bytes", f"{other.stat().st_size} other bytes")
 
 
 def _saved_files(folder: Path) -> set[str]:

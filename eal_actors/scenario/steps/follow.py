@@ -8,18 +8,15 @@ from typing_extensions import override
 
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.scenario.language.expressions import Namespace
-from eal_actors.scenario.language.values import Text, Value
+from eal_actors.scenario.language.values import Value
 from eal_actors.scenario.language.wording import short_value
-from eal_actors.scenario.steps.call import ResourceArguments
-from eal_actors.scenario.steps.go_to import MapStep
+from eal_actors.scenario.steps.go_to import BaseArguments, MapStep
 from eal_actors.scenario.steps.places import number_of
 
 
-class PathArguments(ResourceArguments):
+class PathArguments(BaseArguments):
     """A path in the map frame."""
 
-    resource: Text = "Base"
-    """The base."""
     path_m: Value
     """The waypoints, each [x, y]."""
 

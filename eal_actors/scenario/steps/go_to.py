@@ -34,31 +34,32 @@ from eal_actors.scenario.steps.places import (
 )
 
 
-class PositionArguments(ResourceArguments):
-    """A position in the map frame, to which the base drives in a straight line."""
+class BaseArguments(ResourceArguments):
+    """The arguments of a motion of the base."""
 
     resource: Text = BASE
     """The base."""
+
+
+class PositionArguments(BaseArguments):
+    """A position in the map frame, to which the base drives in a straight line."""
+
     x_m: Value
     y_m: Value
     yaw_deg: Value | None = None
     """The heading there, counter-clockwise from the map's x axis; any if it is missing."""
 
 
-class PlaceArguments(ResourceArguments):
+class PlaceArguments(BaseArguments):
     """A place, to which the robot drives round obstacles and other robots."""
 
-    resource: Text = BASE
-    """The base."""
     place: Value
     """The name of a place of the fleet's world, or [x_m, y_m], or [x_m, y_m, yaw_deg]."""
 
 
-class PlacesArguments(ResourceArguments):
+class PlacesArguments(BaseArguments):
     """The places of all robots of the role, which go there together."""
 
-    resource: Text = BASE
-    """The base."""
     places: LoopValues
     """A place for each robot, in the order of the role."""
 
