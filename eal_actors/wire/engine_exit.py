@@ -32,8 +32,9 @@ has_begun = False
 is_over = False
 """Whether all sessions are closed, so that no thread may enter the engine."""
 
-_TIMEOUT_S: Final = 5.0
-"""Real seconds after which the program ends nevertheless."""
+_TIMEOUT_S: Final = 25.0
+"""Real seconds after which the program ends nevertheless. The end of a session waits for TLS handshakes under way, up
+to 20 s each: with 5 s, a program whose emulated robots did not answer ended by SIGABRT."""
 _PERIOD_S: Final = 0.001
 _CALLERS: Final = str(Path(__file__).parent)
 _actions: dict[Callable[[], None], None] = {}
