@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated
 
 import typer
 
@@ -14,9 +14,6 @@ from evbotos.fleet_robots import FleetRobots, read_update
 from evbotos.fleet_update import Outcome, summary, update_fleet
 from evbotos.robot_files import served_robots
 from evbotos.terminal import console, write_json
-
-_START_S: Final = 60.0
-"""Longest wait for another robot's connection: a robot that is skipped costs another run."""
 
 fleet_app = typer.Typer(help="Operations on the machines of a fleet.", no_args_is_help=True)
 
@@ -60,8 +57,9 @@ def update(
     if unknown := [name for name in names if name not in served]:
         raise UpdateError(f"{fleet} has no robot with an address named {', '.join(unknown)}")
     out = console(error=as_json)
-    with Fleet.load(fleet).connect(names, timeout_s=_START_S) as connected:
+    with Fleet.load(fleet).connect(names) as connected:
         found = FleetRobots(connected, fleet, scenario, lambda robot, words: out.print(f"{robot}: {words}"))
+        found.wait_for(names)
         outcomes = update_fleet(found, names, made, group=group, wait=wait, restart_s=restart_s)
     if as_json:
         write_json({name: outcome.value for name, outcome in outcomes.items()})

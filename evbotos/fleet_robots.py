@@ -3,29 +3,35 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 import tarfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from eal_actors import Fleet, ResourceHandle
+from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import EALError, ResourceNotFoundError, StaleCommandError, UnavailableError
 from eal_actors.kernel.yaml_source import load_yaml
 from evbotos.delta import messages, missing_pieces
-from evbotos.errors import BuildError, UpdateError
-from evbotos.fleet_update import Standing, Update
-from evbotos.shell import run
+from evbotos.errors import UpdateError
+from evbotos.fleet_update import LOOK_S, Standing, Update
 
 RESOURCE: Final = "Update"
 _LONG_S: Final = 900.0
 """Deadline of what reads a whole slot."""
 _STATUS_S: Final = 60.0
 """Deadline of a status, which may have to start the program behind the robot's process."""
+_CONNECT_S: Final = 60.0
+"""Longest wait for robots that do not answer at once: a slow one takes longer than `Fleet.connect` waits."""
 _MESSAGE_BYTES: Final = 512 << 10
 _TRIES: Final = 5
+_UNREACHABLE: Final = 3
+"""The exit code of `eal run` whose robot does not answer."""
+_SHOWN_LINES: Final = 12
 
 
 def read_update(path: Path) -> Update:
@@ -67,6 +73,20 @@ class FleetRobots:
     file: Path
     check: Path | None
     say: Callable[[str, str], None]
+
+    def wait_for(self, names: Iterable[str]) -> None:
+        """Wait until each robot answers, for a minute at most: a robot that is skipped costs another run."""
+        end_s = REAL_TIME.now() + _CONNECT_S
+        late = set(names)
+        while (late := {robot for robot in late if not self._answers(robot)}) and REAL_TIME.now() < end_s:
+            REAL_TIME.sleep(LOOK_S)
+
+    def _answers(self, robot: str) -> bool:
+        try:
+            self.fleet[robot].ping().get()
+        except EALError:
+            return False
+        return True
 
     def standing(self, robot: str) -> Standing | None:
         """Return what a robot says; None if it does not answer."""
@@ -152,14 +172,17 @@ class FleetRobots:
             handle[RESOURCE].send_cmd("stage", words)
 
     def _scenario_problem(self, robot: str, scenario: Path) -> str | None:
+        """Return why a scenario fails; a robot that is not reached at once, in its first minute, is tried again."""
         self.fleet[robot].release()
         binds = [word for role in load_yaml(scenario).root["roles"] for word in ("--bind", f"{role}={robot}")]
-        words: list[str | Path] = [sys.executable, "-m", "eal_actors", "run", scenario, "--fleet", self.file, *binds]
-        try:
-            run(words)
-        except BuildError as error:
-            return str(error)
-        return None
+        words = [sys.executable, "-m", "eal_actors", "run", str(scenario), "--fleet", str(self.file), *binds]
+        for _ in range(_TRIES):
+            done = subprocess.run(words, capture_output=True, text=True, timeout=_LONG_S, check=False)  # noqa: S603
+            if done.returncode == 0:
+                return None
+            if done.returncode != _UNREACHABLE:
+                break
+        return "\n".join([f"{scenario.stem} failed with {done.returncode}", *done.stderr.splitlines()[-_SHOWN_LINES:]])
 
     def _status(self, robot: str) -> dict[str, Any]:
         return dict(json.loads(self._update_of(robot).send_req("status", timeout_s=_STATUS_S).get().value))
