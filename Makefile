@@ -17,7 +17,7 @@ EVBOTOS_TOOLS := apt bc binutils bison cryptsetup-bin device-tree-compiler dosfs
 	grub-common libelf-dev libssl-dev make mtools openssh-client ovmf qemu-system-arm qemu-system-x86 squashfs-tools \
 	tar u-boot-tools xz-utils zstd
 
-.PHONY: lock locked sbom demo demo-aarch64 test-aarch64 container demo-network demo-standards lab test test-slow check docs bench bench-peers bench-scale bench-go bench-panorama bench-jitter bench-proof bench-lookahead soak fuzz fuzz-motions figures format evbotos-setup test-evbotos test-fleet-update test-bitbake clean help
+.PHONY: lock locked sbom demo demo-aarch64 test-aarch64 container demo-network demo-standards lab test test-slow check docs bench bench-peers bench-scale bench-go bench-panorama bench-jitter bench-proof bench-lookahead soak fuzz fuzz-motions figures format evbotos-setup test-evbotos test-fleet-update test-fleet-of-machines test-bitbake clean help
 
 help:  ## show this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -165,6 +165,9 @@ test-evbotos: $(STAMP)  ## build images, boot them in QEMU and test them, with u
 
 test-fleet-update: $(STAMP)  ## update ten robots over TLS, with a power cut and a failure, each robot in processes of its own
 	EVBOTOS_ROBOTS=10 $(PYTEST) -n 0 -m slow tests/evbotos/test_update_of_ten.py
+
+test-fleet-of-machines: $(STAMP)  ## update ten booted machines in QEMU over TLS, with a power cut and a failure
+	EVBOTOS_ROBOTS=10 $(PYTEST) -n 0 -m evbotos tests/evbotos/test_update_of_booted.py
 
 test-bitbake: $(STAMP)  ## plan the OpenEmbedded images with real BitBake from a folder of git mirrors: MIRRORS=/srv/git
 	@$(BIN)/python -m tests.evbotos.bitbake $(MIRRORS)
