@@ -22,6 +22,7 @@ from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.errors import DeadlineError, EALError, UnavailableError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.wire.rpc.sender import Message
 from tests.net.links import eventually, free_port
 
 PLUGINS = Path(__file__).parent / "plugins"
@@ -321,6 +322,22 @@ def served(rig: Rig) -> Iterator[tuple[Servers, Fleet]]:
         yield running, fleet
 
 
+_OTHER_CLOCK = """
+import sys
+import time
+real = time.monotonic
+time.monotonic = lambda: real() + {shift_s}
+from eal_actors.cli import main
+sys.argv = ["eal", "serve", "--fleet", sys.argv[1], "--robot", "r1"]
+main()
+"""
+
+
+def other_clock(shift_s: float) -> str:
+    """Return a program that serves the robot `r1` of a fleet file with a clock that is ahead by so many seconds."""
+    return _OTHER_CLOCK.format(shift_s=shift_s)
+
+
 def outlast_ttl(robot: RobotHandle) -> None:
     """Let a frozen robot leave a reading unanswered for longer than a command may wait.
 
@@ -330,16 +347,18 @@ def outlast_ttl(robot: RobotHandle) -> None:
     assert isinstance(error, DeadlineError | UnavailableError), repr(error)
 
 
-def hold_calls(fleet: Fleet) -> threading.Event:
-    """Hold outgoing calls back until the event is set."""
+class _Hold(Message):
+    """A message that keeps the sender until the event is set, as a stalled link does; no caller sends its own call."""
+
+    def __init__(self, gate: threading.Event) -> None:
+        self._gate = gate
+
+    def send(self, *, is_last: bool) -> None:
+        self._gate.wait(WAIT_S)
+
+
+def hold_calls(robot: RobotHandle) -> threading.Event:
+    """Hold the outgoing calls to a robot's fleet back until the event is set."""
     gate = threading.Event()
-    robot: Any = next(iter(fleet.values()))
-    sender = robot._actor._controller.sender
-    sender.window.calls.add("held")  # as if a call were under way, so that no caller sends its own
-
-    def wait() -> None:
-        gate.wait(WAIT_S)
-        sender.window.answered("held")
-
-    sender.actor_inbox.call_soon(wait)
+    robot._actor._controller.sender.submit(_Hold(gate))  # type: ignore[attr-defined]
     return gate

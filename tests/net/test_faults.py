@@ -23,7 +23,7 @@ from eal_actors.kernel.errors import (
     UnsupportedError,
 )
 from tests.net.links import Wire, eventually, free_port
-from tests.net.rig import WAIT_S, Rig, becomes, failure, outlast_ttl, process, ready, served, servers
+from tests.net.rig import WAIT_S, Rig, becomes, failure, other_clock, outlast_ttl, process, ready, served, servers
 
 CONTROLLER = """
 import sys
@@ -229,23 +229,10 @@ def test_a_flood_leaves_the_server_as_small_as_it_was(rig: Rig) -> None:
 
 # Other clocks.
 
-OTHER_CLOCK = """
-import sys
-import time
-real = time.monotonic
-time.monotonic = lambda: real() * {rate} + {shift}
-import eal_actors.kernel.clock as clock
-assert clock.SystemClock().rate == 1.0
-clock.REAL_TIME.start_s = -{shift}
-from eal_actors.cli import main
-sys.argv = ["eal", "serve", "--fleet", sys.argv[1], "--robot", "r1"]
-main()
-"""
-
 
 @pytest.mark.parametrize("shift_s", [1_000_000.0, -50.0])
 def test_a_robots_clock_may_show_anything(rig: Rig, shift_s: float) -> None:
-    program = OTHER_CLOCK.format(rate=1.0, shift=shift_s)
+    program = other_clock(shift_s)
     with process(["-c", program, str(rig.file)], rig.folder) as server:
         server.wait_until_listening()
         with ready(Fleet(rig.config)) as fleet:

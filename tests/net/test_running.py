@@ -18,7 +18,7 @@ from eal_actors.kernel.errors import PreemptedError, UnavailableError
 from eal_actors.wire.format.messages import RobotEvent
 from eal_actors.wire.rpc.client.controller import RobotListener
 from tests.net.links import eventually
-from tests.net.rig import WAIT_S, Rig, becomes, failure, ready, served
+from tests.net.rig import WAIT_S, Rig, becomes, failure, other_clock, process, ready, served
 
 
 def test_progress_comes_through_the_network_now_and_again(fleet: Fleet) -> None:
@@ -139,10 +139,10 @@ def truly_s(fleet: Fleet, data: EALData) -> float:
 
 @pytest.mark.parametrize("rate", [1, 4])
 def test_values_are_stamped_by_the_readers_clock(tmp_path: Path, rate: int) -> None:
-    """The server's process began later than this one, so its clock is far behind."""
+    """The server's clock is far behind."""
     rig = Rig(tmp_path, extra={"clock": {"rate": rate}})
-    with served(rig) as (_, fleet):
-        assert becomes(fleet["r1"], RobotState.READY)
+    server = process(["-c", other_clock(-50.0), str(rig.file)], rig.folder)
+    with server, ready(Fleet(rig.config)) as fleet:
         watch = fleet["r1"]["Watch"]
         ping = fleet["r1"].ping().get()
         assert abs(ping.offset_s) > 10 * ping.offset_error_s
