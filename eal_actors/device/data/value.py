@@ -216,15 +216,15 @@ class EALData:
     def _fill(
         self, c_type: CType, stored: Stored, unit: str | None, frame_id: str | None, stamp_s: float | None
     ) -> EALData:
-        checked_s = stamp_s
-        is_plain = stamp_s is None or (type(stamp_s) is float and -_MAX_S <= stamp_s <= _MAX_S)
-        if unit is not None or frame_id is not None or not is_plain:
-            checked_s = _checked_meta(unit, frame_id, stamp_s)
+        if unit is not None or frame_id is not None:
+            stamp_s = _checked_meta(unit, frame_id, stamp_s)
+        elif stamp_s is not None and not (type(stamp_s) is float and -_MAX_S <= stamp_s <= _MAX_S):
+            stamp_s = _checked_meta(None, None, stamp_s)
         self._c_type = c_type
         self._value, self._payload, self._length, self._shape = stored
         self._unit = unit
         self._frame_id = frame_id
-        self._stamp_s = checked_s
+        self._stamp_s = stamp_s
         return self
 
     @property

@@ -62,6 +62,10 @@ _PER_SECOND: Final = {"epoch": 10, "sequence": 1_000_000}
 """Greatest advance of a client's numbers, at once and for each second since it was heard; more is no counting."""
 
 
+_EPOCH_AT: Final = 64
+"""Bits of a sequence number, which a message cannot exceed."""
+
+
 class Stamp(NamedTuple):
     """Proof of a command's age.
 
@@ -170,7 +174,8 @@ class _ClientHistory(Generic[T]):
         heard_s: upper bound of the sending times of its accepted messages.
         number: the greatest sequence number accepted in any epoch.
         latest: the sequence number last accepted in this epoch, by resource.
-        running: accepted commands that have not ended.
+        running: accepted commands that have not ended, by epoch and sequence number in one int: thousands of outcomes
+            are kept, and the garbage collector goes through tuples, but not through ints.
         outcomes: outcomes of those that have, in the order of ending.
     """
 
@@ -179,8 +184,8 @@ class _ClientHistory(Generic[T]):
     heard_s: float = -math.inf
     number: int = 0
     latest: dict[str, int] = field(default_factory=dict)
-    running: set[CallId] = field(default_factory=set)
-    outcomes: OrderedDict[CallId, T] = field(default_factory=OrderedDict)
+    running: set[int] = field(default_factory=set)
+    outcomes: OrderedDict[int, T] = field(default_factory=OrderedDict)
 
 
 class CommandHistory(Generic[T]):
@@ -243,21 +248,27 @@ class CommandHistory(Generic[T]):
         if epoch != history.epoch or not 0 < ahead <= _MOST_AHEAD or sent_s <= history.sent_after_s:
             _check_order(history, stamp, resource, sent_s)
             _check_numbers(history, epoch, sequence, now_s)
-        # else it is the client's newest call of all, as usual: it was neither accepted before nor overtaken
-        if ahead > 0:
+            if ahead > 0:
+                history.number = sequence
+            self._note(history, client, epoch, max(now_s, sent_s))
+        else:  # it is the client's newest call of all, as usual: it was neither accepted before nor overtaken
             history.number = sequence
-        self._note(history, client, epoch, max(now_s, sent_s))
+            heard_s = max(now_s, sent_s)
+            if heard_s > history.heard_s:  # as _note
+                history.heard_s = heard_s
+            self._clients.move_to_end(client)
         history.latest[resource] = sequence
-        history.running.add(call)
+        history.running.add(epoch << _EPOCH_AT | sequence)
         return sent_s
 
     def finish(self, call: CallId, outcome: T) -> None:
         """Record the outcome of an accepted command; ignored if its client was forgotten meanwhile."""
-        history = self._clients.get(call.client)
-        if history is None or call not in history.running:
+        client, epoch, sequence = call
+        history, number = self._clients.get(client), epoch << _EPOCH_AT | sequence
+        if history is None or number not in history.running:
             return
-        history.running.remove(call)
-        history.outcomes[call] = outcome
+        history.running.remove(number)
+        history.outcomes[number] = outcome
         self._outcomes += 1
         if self._outcomes > self._max_outcomes_in_all:
             history = self._most_outcomes()
@@ -269,8 +280,8 @@ class CommandHistory(Generic[T]):
     def replace(self, call: CallId, outcome: T) -> None:
         """Replace the kept outcome of a command, if there is one."""
         history = self._clients.get(call.client)
-        if history is not None and call in history.outcomes:
-            history.outcomes[call] = outcome
+        if history is not None and (number := _number_of(call)) in history.outcomes:
+            history.outcomes[number] = outcome
 
     def _most_outcomes(self) -> _ClientHistory[T]:
         """Return the client with most outcomes, of the certificate with most of them."""
@@ -286,9 +297,10 @@ class CommandHistory(Generic[T]):
         history = self._clients.get(call.client)
         if history is None:
             return None
-        if call in history.running:
+        number = _number_of(call)
+        if number in history.running:
             return CommandRecord(False)
-        return CommandRecord(True, history.outcomes[call]) if call in history.outcomes else None
+        return CommandRecord(True, history.outcomes[number]) if number in history.outcomes else None
 
     def _refuse(self, stamp: Stamp, resource: str, age_s: float) -> NoReturn:
         """Raise StaleCommandError for a command of another run or of a wrong age."""
@@ -326,13 +338,17 @@ class CommandHistory(Generic[T]):
         self._sent_after_s = max(self._sent_after_s, forgotten.heard_s)
 
 
+def _number_of(call: CallId) -> int:
+    return call.epoch << _EPOCH_AT | call.sequence
+
+
 def _check_order(history: _ClientHistory[T], stamp: Stamp, resource: str, sent_s: float) -> None:
     _, epoch, sequence = stamp.call
     if sent_s <= history.sent_after_s:
         raise _stale(stamp, resource, "was sent at a time of which the robot has forgotten whom it heard")
     if epoch < history.epoch:
         raise _stale(stamp, resource, f"was sent before the controller's reconnect number {history.epoch}")
-    if stamp.call in history.running or stamp.call in history.outcomes:
+    if (number := _number_of(stamp.call)) in history.running or number in history.outcomes:
         raise _stale(stamp, resource, "was accepted before")
     if epoch == history.epoch and sequence <= history.latest.get(resource, -1):
         raise _stale(stamp, resource, f"comes after number {history.latest[resource]} was accepted")
