@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 from eal_actors.actors.call import Call, ResourceCell
@@ -75,6 +76,7 @@ class ResourceHandle:
         timeout_s: float,
         begin_by_s: float | None = None,
         start_s: float | None = None,
+        prepare: Callable[[Call[Any]], Relay] | None = None,
     ) -> Call[Any]:
         """Call any method with its packed arguments, in the lane where it belongs; for servers.
 
@@ -84,12 +86,15 @@ class ResourceHandle:
             timeout_s: seconds of the fleet's clock until its deadline.
             begin_by_s: the latest time of the fleet's clock to begin it; None for no limit.
             start_s: the time of the fleet's clock to begin it; None for at once, as stops always do.
+            prepare: called with the call before anybody else has it; returns what gets its outcome, see `Future.link`.
 
         Thread: any; does not block.
         """
         cell = self._cell
         call: Call[Any] = Call(cell, method, arguments, timeout_s)
         call.begin_by_s, call.start_s = begin_by_s, start_s
+        if prepare is not None:
+            call._relays = [*(call._relays or ()), prepare(call)]  # no lock is needed yet
         info = cell.info
         stops = method == "halt" or (method == "send_cmd" and info is not None and arguments[0] in info.urgent_commands)
         if stops or method == "get_status":
@@ -105,7 +110,7 @@ class ResourceHandle:
         """
         cell = self._cell
         call: Call[Any] = Call(cell, method, arguments, timeout_s)
-        call._relays = [relay]  # before anybody else has the call, so that no lock is needed
+        call._relays = [*(call._relays or ()), relay]  # no lock is needed: nobody else has the call yet
         if method == "get_status":
             cell.submit_urgent(call, stops=False)
         elif method != "get_value" or cell.read_now is None or cell.link.is_faulty or not cell.read_now(call):

@@ -165,7 +165,7 @@ class NetworkSection(StrictModel):
     compression: bool = False
     """Compress all traffic; for slow links only, and nothing is compressed unless both ends do it."""
     shared_memory: bool = True
-    """Hand large values, such as images, to controllers of the same user on the same machine in shared memory."""
+    """Share memory for large values, and a socket for calls, with programs of the same user on the same machine."""
     discovery: bool = False
     """Let listening robots and routers answer `eal discover`, a multicast."""
     routers: tuple[EndpointText, ...] = Field(default=(), strict=False)

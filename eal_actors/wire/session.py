@@ -280,14 +280,14 @@ def open_session(
         listening = (parse_endpoint(text) for text in endpoints_of(config)[: len(config["listen"]["endpoints"])])
         most = ROUTER_STRANGERS if config["mode"] == "router" else ROBOT_STRANGERS
         ports = frozenset(endpoint.port for endpoint in listening)
-        links = partial(_links, session)
+        links = partial(links_of, session)
         stack.enter_context(guarding(ports, most, lambda: [link.peer for link in links() if link.port in ports]))
         stack.enter_context(watching(lambda: set(links()), ports, on_stuck))
         stack.callback(close_at_exit(stack.close))
         yield session
 
 
-def _links(session: zenoh.Session) -> Iterator[Link]:
+def links_of(session: zenoh.Session) -> Iterator[Link]:
     """Yield the TCP links of a session."""
     for link in session.info.links():
         with contextlib.suppress(ValueError):

@@ -28,7 +28,7 @@ from eal_actors.kernel.errors import (
 from eal_actors.scenario import Run, load_scenario, make_plan
 from eal_actors.wire.rpc.server.host import RobotHost
 from tests.net.links import eventually
-from tests.net.rig import LONGER_THAN_TTL_S, WAIT_S, Rig, becomes, failure, ready
+from tests.net.rig import LONGER_THAN_TTL_S, WAIT_S, Rig, becomes, failure, hold_calls, ready
 
 # Stops.
 
@@ -68,21 +68,8 @@ def test_a_stop_of_another_controller_is_a_stop(rig: Rig) -> None:
 MAILBOX = 256
 
 
-def hold_up(remote: RobotHandle, gate: threading.Event) -> None:
-    """Block outgoing calls until the gate opens, as a stalled link does."""
-    controller = remote._actor._controller  # type: ignore[attr-defined]
-    controller.sender.window.calls.add("held")  # as if a call were under way: no call is sent from its caller's thread
-
-    def wait() -> None:
-        gate.wait(WAIT_S)
-        controller.sender.window.answered("held")
-
-    controller.sender.actor_inbox.call_soon(wait)
-
-
 def test_a_halt_drops_what_waits_for_its_own_resource_alone(rig: Rig, remote: RobotHandle) -> None:
-    gate = threading.Event()
-    hold_up(remote, gate)
+    gate = hold_calls(remote)
     dropped, kept = remote["Arm"].send_cmd("step1"), remote["Eye"].set_value(np.zeros(3, np.uint8))
     assert remote["Arm"].halt().get() == 1  # before all queued calls
     gate.set()
@@ -92,8 +79,7 @@ def test_a_halt_drops_what_waits_for_its_own_resource_alone(rig: Rig, remote: Ro
 
 
 def test_what_waits_to_be_sent_does_not_get_stale(rig: Rig, remote: RobotHandle) -> None:
-    gate = threading.Event()
-    hold_up(remote, gate)
+    gate = hold_calls(remote)
     step = remote["Arm"].send_cmd("step1")
     failure(remote["Gauge"].get_value(timeout_s=LONGER_THAN_TTL_S), DeadlineError)
     gate.set()
@@ -101,8 +87,7 @@ def test_what_waits_to_be_sent_does_not_get_stale(rig: Rig, remote: RobotHandle)
 
 
 def test_no_more_than_so_many_calls_to_a_resource_are_under_way(rig: Rig, remote: RobotHandle) -> None:
-    gate = threading.Event()
-    hold_up(remote, gate)
+    gate = hold_calls(remote)
     calls = [remote["Gauge"].get_value() for _ in range(MAILBOX + 1)]
     assert f"r1/Gauge: {MAILBOX} calls are pending" in str(failure(calls.pop(), BusyError))
     gate.set()
@@ -124,8 +109,7 @@ def test_the_fleet_file_sets_the_size_of_a_mailbox(rig: Rig) -> None:
     rig.content["robots"]["r1"]["mailbox"] = 4
     rig.write()
     with rig.served_here() as fleet:
-        gate = threading.Event()
-        hold_up(fleet["r1"], gate)
+        gate = hold_calls(fleet["r1"])
         reads = [fleet["r1"]["Gauge"].get_value() for _ in range(5)]
         assert "4 calls are pending" in str(failure(reads.pop(), BusyError))
         gate.set()
@@ -133,8 +117,7 @@ def test_the_fleet_file_sets_the_size_of_a_mailbox(rig: Rig) -> None:
 
 
 def test_a_status_is_asked_for_while_no_more_calls_are_taken(rig: Rig, remote: RobotHandle) -> None:
-    gate = threading.Event()
-    hold_up(remote, gate)
+    gate = hold_calls(remote)
     calls = [remote["Gauge"].get_value() for _ in range(MAILBOX)]
     status = remote["Arm"].get_status()
     gate.set()
@@ -143,8 +126,7 @@ def test_a_status_is_asked_for_while_no_more_calls_are_taken(rig: Rig, remote: R
 
 
 def test_what_is_given_up_before_it_leaves_takes_no_call_s_place(rig: Rig, remote: RobotHandle) -> None:
-    gate = threading.Event()
-    hold_up(remote, gate)
+    gate = hold_calls(remote)
     for n in range(4 * MAILBOX):
         step = remote["Arm"].send_cmd(f"step{n}")
         step.cancel()

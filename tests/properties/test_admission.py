@@ -121,7 +121,7 @@ class AdmissionMachine(RuleBasedStateMachine):
         client, call = letter.header.client, letter.header.call_id
         holder = self.holder(letter.resource)
         try:
-            begin_within_s, left_s = self.admission.check(letter.header, letter.method, letter.resource)
+            _, _, begin_within_s, left_s = self.admission.check(letter.header, letter.method, letter.resource)
         except StaleCommandError:
             return  # whether that was right is the matter of HistoryMachine
         except DeadlineError:

@@ -60,6 +60,9 @@ RESOURCE_METHODS: Final = (*METHODS, HALT, INFO, STREAM)
 RETRYABLE_METHODS: Final = frozenset({"get_status", "get_value", "get_config", "send_req"})
 """Methods that change nothing, so that a retry is harmless. `read_comm` consumes bytes and is not one of them."""
 
+COMMANDS: Final = frozenset(METHODS) - RETRYABLE_METHODS
+"""Methods that change something, so that each call is carried out once at most."""
+
 ANYBODY: Final = "_"  # caller in a fleet without security; names of certificates begin with a letter
 AUTHORITY_CALLER: Final = "~authority"  # caller that has the authority's key; a name that no other can have
 ANSWERS: Final = "@answers"

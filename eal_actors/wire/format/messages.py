@@ -52,12 +52,11 @@ from eal_actors.wire.shared_memory import SharedValue
 STATUS, DATA, _ERROR, _FIELDS, _ACCEPTED = range(5)
 _NO_PAYLOAD: Final = b""
 _NO_TIME: Final = (None, None, None)
-_NO_ECHO: Final = "", 0.0, 0.0, False, ""
-"""The last fields of a call that has no echo."""
 _READING: Final = int, bytes, int, int, float, float, type(None), list, type(None)
 _COMMAND: Final = *_READING, str, float, float
-_USUAL_CALLS: Final = frozenset({_READING, _COMMAND, (*_COMMAND, bool)})
 """Types of the fields of the usual calls; only their numbers and arguments need a further check."""
+_NO_ECHO: Final = "", 0.0, 0.0
+"""The last fields of a call that has no echo."""
 _ARGUMENTS: Final = frozenset({str, int})
 _USUAL_REPLIES: Final = frozenset({(int, int, int, list, str, float), (int, int, int, int, str, float)})
 """The same of the usual replies: a value or an error, and a status."""
@@ -211,51 +210,47 @@ def decode_call(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> tuple[CallHe
     """Return the header and the value of a call; ProtocolError if the bytes are no call of this version."""
     row = unpack(envelope, "call")
     types = tuple(map(type, row)) if type(row) is list else ()
-    if types == _READING and not row[7] and not payload:  # as below, for the most frequent calls
-        version, client, epoch, sequence, ttl_s, deadline_s, *_ = row
-        is_sound = version == PROTOCOL_VERSION and epoch >= 0 and sequence >= 0 and len(client) == CLIENT_BYTES
-        if is_sound and math.isfinite(ttl_s + deadline_s):
-            about = hexadecimal(client), epoch, sequence, ttl_s, deadline_s, None, (), *_NO_ECHO
-            return tuple.__new__(CallHeader, about), None
-    return _header_of(row if types in _USUAL_CALLS else _checked_call(row), payload)
+    if types == _READING:
+        row += _NO_ECHO
+        types = _COMMAND
+    if types == _COMMAND and not payload and (header := _usual_header(row)) is not None:
+        return header, None
+    return _checked_call(row, payload)
 
 
-def _header_of(row: list[Any], payload: Buffer) -> tuple[CallHeader, EALData | None]:
-    """Return the header and the value of a call whose fields have the right types."""
-    version, client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, about, *echo = row
-    is_plain = math.isfinite(sum(echo[1:3], ttl_s + deadline_s)) and len(client) == CLIENT_BYTES
-    if version != PROTOCOL_VERSION or epoch < 0 or sequence < 0 or not is_plain or (echo and len(echo[0]) > MAX_WORD):
-        _checked_call(row)
-    if not _ARGUMENTS.issuperset(map(type, arguments)):
-        raise ProtocolError(f"call: arguments {short_repr(arguments)} are not a list of texts and ints")
-    about_call = hexadecimal(client), epoch, sequence, ttl_s, deadline_s, start_s, tuple(arguments), *echo
-    header = tuple.__new__(CallHeader, about_call + _NO_ECHO[len(echo) :])  # CallHeader() takes several times as long
-    return header, None if about is None and not payload else optional_data_from(about, payload, "call")
+def _usual_header(row: list[Any]) -> CallHeader | None:
+    """Return the header of a call that changes nothing or a command, if it is as usual."""
+    version, client, epoch, sequence, ttl_s, deadline_s, _, arguments, _, era, echo_s, held_s = row
+    is_sound = version == PROTOCOL_VERSION and epoch >= 0 and sequence >= 0 and len(client) == CLIENT_BYTES
+    is_plain = len(era) <= MAX_WORD and (not arguments or (len(arguments) == 1 and type(arguments[0]) is str))
+    if not is_sound or not is_plain or not math.isfinite(ttl_s + deadline_s + echo_s + held_s):
+        return None
+    name, plain = hexadecimal(client), tuple(arguments)
+    fields = name, epoch, sequence, ttl_s, deadline_s, None, plain, era, echo_s, held_s, False, ""
+    return tuple.__new__(CallHeader, fields)  # CallHeader() takes several times as long
 
 
-def _checked_call(row: object) -> list[Any]:
-    """Return the fields of a call, those that are missing at the end left out; ProtocolError if one is invalid."""
+def _checked_call(row: object, payload: Buffer) -> tuple[CallHeader, EALData | None]:
+    """Return the header and the value of any call, as decode_call does."""
     row = optional_row(row, "call", 9, 5)
     _, client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, about, era, echo_s, held_s, more, parent = row
-    if type(arguments) is not list:
+    if type(arguments) is not list or not _ARGUMENTS.issuperset(map(type, arguments)):
         raise ProtocolError(f"call: arguments {short_repr(arguments)} are not a list of texts and ints")
-    checked_client(client, "call")
-    return [
-        PROTOCOL_VERSION,
-        client,
+    header = CallHeader(
+        checked_client(client, "call"),
         checked_count(epoch, "call: epoch"),
         checked_count(sequence, "call: sequence"),
         checked_seconds(ttl_s, "call: ttl_s"),
         checked_seconds(deadline_s, "call: deadline_s"),
         None if start_s is None else checked_time(start_s, "call: start_s"),
-        arguments,
-        about,
+        tuple(arguments),
         "" if era is None else checked_word(era, "call: era"),
         0.0 if era is None else checked_time(echo_s, "call: echo_s"),
         0.0 if era is None else checked_time(held_s, "call: held_s"),
         more is not None and checked_flag(more, "call: has_more"),
         "" if parent is None else checked_word(parent, "call: traceparent"),
-    ]
+    )
+    return header, None if about is None and not payload else optional_data_from(about, payload, "call")
 
 
 def encode_reply(

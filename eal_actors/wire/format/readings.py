@@ -1,5 +1,6 @@
-"""The most frequent messages in one step: a call that changes nothing, and a reply with a value or a status.
+"""The most frequent messages in one step.
 
+They are a call that changes nothing, a command without a value or a start time, and a reply with a value or a status.
 Their bytes are those of encode_call and encode_reply, without the objects that these take.
 
 Thread: any; nothing here keeps state.
@@ -8,7 +9,7 @@ Thread: any; nothing here keeps state.
 from __future__ import annotations
 
 from eal_actors.device.data import EALData
-from eal_actors.wire.format.messages import DATA, STATUS
+from eal_actors.wire.format.messages import DATA, STATUS, CallId
 from eal_actors.wire.format.packing import PROTOCOL_VERSION, pack, packed_client
 
 
@@ -31,6 +32,34 @@ def encode_reading(
     row = [PROTOCOL_VERSION, packed_client(client), epoch, sequence, left_s, left_s, None, arguments, None]
     if traceparent:
         row += "", 0.0, 0.0, False, traceparent
+    return pack(row, "call")
+
+
+def encode_command(
+    call_id: CallId,
+    ttl_s: float,
+    left_s: float,
+    arguments: tuple[str | int, ...],
+    proof: tuple[str, float, float],
+    traceparent: str,
+) -> bytes:
+    """Return the envelope of a command, as encode_call.
+
+    Args:
+        call_id: its identifier.
+        ttl_s: see CallHeader.
+        left_s: seconds until its deadline.
+        arguments: see CallHeader.
+        proof: era, echo_s and held_s; see CallHeader.
+        traceparent: see CallHeader.
+
+    Raises:
+        DataError: a field cannot be packed.
+    """
+    client, epoch, sequence = call_id
+    row = [PROTOCOL_VERSION, packed_client(client), epoch, sequence, ttl_s, left_s, None, arguments, None, *proof]
+    if traceparent:
+        row += False, traceparent
     return pack(row, "call")
 
 

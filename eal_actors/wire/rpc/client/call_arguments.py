@@ -15,8 +15,8 @@ _SMALL_BYTES: Final = 32 * 1024
 
 def split_arguments(call: Call[Any]) -> tuple[tuple[str | int, ...], EALData | None]:
     """Return a call's arguments as its header and its payload carry them."""
-    if not call.arguments:
-        return (), None
+    if len(call.arguments) == 2 and call.arguments[1] is None:  # a command whose text has all
+        return call.arguments[:1], None
     plain: list[str | int] = []
     data = None
     for argument in call.arguments:

@@ -27,25 +27,27 @@ from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import (
     ACCEPTED,
     Answer,
-    CallHeader,
     CallId,
     RobotEvent,
     RobotTime,
     decode_reply,
-    encode_call,
 )
 from eal_actors.wire.format.readings import encode_reading
 from eal_actors.wire.rpc.client.call_arguments import is_small, split_arguments
 from eal_actors.wire.rpc.client.call_sender import EncodedCall
 from eal_actors.wire.rpc.client.channel import Channel
+from eal_actors.wire.rpc.client.command_encoder import CommandEncoder
 from eal_actors.wire.rpc.client.command_tracking import CommandTracker
 from eal_actors.wire.rpc.client.pending import SentCall
 from eal_actors.wire.rpc.sender import UrgentMessage
 from eal_actors.wire.shared_memory import LEAST_BYTES
 
-TTL_S: Final = 1.0
-"""Time to live of a command: its greatest age when the robot begins it, in real seconds."""
+AT_ONCE: Final = 128
+"""Calls in flight from which on callers of a robot with a local link leave their calls to the sender, which then waits
+for replies: so few small ones always have room in the link, and a caller that sends waits for nothing."""
 
+_NO_VALUE: Final = (), (None,)
+"""Ends of the arguments of most calls."""
 _RETRY_S: Final = 0.05
 _RECONNECT_S: Final = 1.0
 """Real seconds within which a lost robot may come back and be asked again."""
@@ -72,6 +74,7 @@ class CallQueue(UrgentMessage):
         self._second = channel.clock.of_real(1.0)
         self._is_proven = channel.controller.certificate is not None
         self._sender = channel.controller.sender
+        self._links = channel.controller.local.links
         self.window: Final = self._sender.window
         self._lock = threading.Lock()
         self._urgent: deque[Call[Any]] = deque()
@@ -81,7 +84,7 @@ class CallQueue(UrgentMessage):
         self._keys: dict[tuple[str, str], str] = {}  # of calls, by resource and method
         self._end: EALError | None = None
         self._sending = threading.Lock()
-        self._echo: tuple[RobotTime, float] | None = None
+        self._commands = CommandEncoder(channel)
         self.tracker: Final = CommandTracker(channel)
 
     # CallServer.
@@ -106,9 +109,14 @@ class CallQueue(UrgentMessage):
             if len(unanswered) >= self._capacity:
                 raise BusyError(f"{self._capacity} calls are pending already")
             unanswered.add(envelope)
-            is_alone = not (self._normal or self._urgent or sender.unsent or sender.has_crowd or self.window.calls)
-            is_brief = is_alone and (not envelope.arguments or is_small(envelope))
-            sends = is_brief and self._sending.acquire(blocking=False)
+            in_flight = self.window.calls
+            sends = (
+                not (self._normal or self._urgent or sender.unsent)
+                and (not in_flight or (self._name in self._links and len(in_flight) < AT_ONCE))
+                and not sender.has_crowd
+                and (envelope.arguments[-1:] in _NO_VALUE or is_small(envelope))
+                and self._sending.acquire(blocking=False)
+            )
             if not sends:
                 self._normal.append(envelope)
         if not sends:
@@ -178,7 +186,7 @@ class CallQueue(UrgentMessage):
                 call = waiting.popleft() if waiting else None
             if call is None:
                 return
-            if call.stops:
+            if call.stops or self._name in self._links:
                 self._send(call)
             elif (encoded := self._encode(call)) is not None:
                 # Access control checks the key alone, so calls with other keys are not put behind it.
@@ -202,72 +210,54 @@ class CallQueue(UrgentMessage):
     def _send(self, call: Call[Any]) -> None:
         """Send a call in a message of its own. Thread: one that may wait for a link, unless the call is small."""
         encoded = self._encode(call)
-        if encoded is not None:
-            envelope, payload, key = encoded
-            if not self._controller.put(self._name, key, envelope, payload, is_urgent=call.stops):
-                self._channel.pending.lose_all()
+        if encoded is None:
+            return
+        envelope, payload, key = encoded
+        link = self._links.get(self._name)
+        if link is not None and link.send(key, envelope, payload):
+            is_sent = self._controller.is_alive(self._name)  # it may have gone before the call was pending
+        else:
+            is_sent = self._controller.put(self._name, key, envelope, payload, is_urgent=call.stops)
+        if not is_sent:
+            self._channel.pending.lose_all()
 
     def _encode(self, call: Call[Any]) -> tuple[bytes, Payload, str] | None:
         """Return a call's envelope, payload and key, and wait for its reply from now on; None if it is over."""
         channel, name, method, span = self._channel, call.cell.name, call.method, call.span
-        left_s = self._left_s(call)
-        if not call.stops and (left_s <= 0 or call.done()):
+        now_s = REAL_TIME.now()  # before the fleet's clock, so that the seconds left never end after the deadline
+        left_s = (call.deadline_s or 0.0) - channel.clock.now()
+        if call.stops:  # a late stop is still a stop
+            left_s = max(left_s, call.cell.timeout_s)
+        elif left_s <= 0 or call.done():
             self.expire(call)
             return None
-        call_id: CallId | None
-        payload: Payload
+        left_s /= self._second
+        call_id: CallId | None = None
+        payload: Payload = b""
         try:
             plain, data = split_arguments(call) if call.arguments else ((), None)
             traceparent = "" if span is None else span.traceparent
             if method in keys.RETRYABLE_METHODS:
-                stamper, payload, call_id = channel.stamper, b"", None
+                stamper = channel.stamper
                 number = stamper.number()
                 envelope = encode_reading(stamper.client, stamper.epoch, number, left_s, plain, traceparent)
             else:
-                header, data, call_id = self._stamped(call, plain, data, traceparent)
-                number, left_s = header.sequence, header.deadline_s
-                envelope, payload = encode_call(header, data)
+                call_id, envelope, payload = self._commands.encode(call, plain, data, traceparent, now_s, left_s)
+                number = call_id.sequence
         except EALError as error:
             self._forget(call)
             call.settle(None, error.at(channel.name, name), self._controller.run_later)
             return None
-        if call_id is not None:
+        if call_id is not None and method != keys.HALT:
             self.tracker.commands[call_id] = call
         if span is not None:
             span.note("sent")
-        channel.pending.calls[number] = tuple.__new__(SentCall, (self, call, call_id, REAL_TIME.now() + left_s))
+        channel.pending.calls[number] = tuple.__new__(SentCall, (self, call, call_id, now_s + left_s))
         self.window.calls.add(call)
         key = self._keys.get((name, method))
         if key is None:
             key = self._keys[name, method] = self._controller.call_key(self._name, name, method)
         return envelope, payload, key
-
-    def _left_s(self, call: Call[Any]) -> float:
-        """Return the real seconds until a call's deadline; a late stop is still a stop."""
-        left_s = (call.deadline_s or 0.0) - self._channel.clock.now()
-        return (max(left_s, call.cell.timeout_s) if call.stops else left_s) / self._second
-
-    def _stamped(
-        self, call: Call[Any], plain: tuple[str | int, ...], data: EALData | None, traceparent: str
-    ) -> tuple[CallHeader, EALData | None, CallId | None]:
-        """Return the header of a command or a stop with a stamp that proves its age, its value and its identifier."""
-        stamper = self._channel.stamper
-        start_s = None if call.start_s is None else self._robot_time(call.start_s)
-        if data is not None and data.stamp_s is not None:
-            data = data.with_meta(stamp_s=self._robot_time(data.stamp_s))
-        echo, self._echo = self._echo, None
-        if echo is not None:
-            time, heard_s = echo
-            stamper.heard(time.era, time.time_s, heard_s)
-        stamp = stamper.stamp(TTL_S, REAL_TIME.now())
-        left_s = self._left_s(call)  # read after the stamp: their sum is never later than the deadline
-        call_id, _, *proof = stamp
-        header = tuple.__new__(CallHeader, (*call_id, TTL_S, left_s, start_s, plain, *proof, False, traceparent))
-        return header, data, None if call.method == keys.HALT else call_id
-
-    def _robot_time(self, fleet_s: float) -> float:
-        real_s = self._channel.clock.to_real(fleet_s)
-        return real_s + self._channel.clock_tracker.offset(real_s).offset_s
 
     # Replies and events. Thread: a reader's.
 
@@ -281,7 +271,7 @@ class CallQueue(UrgentMessage):
         except ProtocolError as error:
             sequence, answer, time = 0, error, None
         if time is not None:
-            self._echo = time, REAL_TIME.now()
+            self._commands.hear(time, REAL_TIME.now())
         pending = self._channel.pending.calls.pop(sequence, None)
         if type(pending) is SentCall:
             self.conclude(pending.call, pending.call_id, answer, time)

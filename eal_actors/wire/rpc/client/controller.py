@@ -38,6 +38,7 @@ from eal_actors.wire.format.messages import (
 from eal_actors.wire.format.packing import PROTOCOL_VERSION
 from eal_actors.wire.rpc.client.call_sender import CallSender
 from eal_actors.wire.rpc.client.discovery import ForeignRobots
+from eal_actors.wire.rpc.client.local_links import LocalLinks
 from eal_actors.wire.rpc.client.value_memory import MemorySharing
 from eal_actors.wire.rpc.sender import Sender, UrgentMessage
 from eal_actors.wire.rpc.throttled_log import ThrottledLog
@@ -95,6 +96,7 @@ class Controller(EALActor):
         foreign: the robots of other fleets that answer, in a fleet without security.
         last_handshake_s: real time of the last handshake that a robot has answered.
         sharing: whether memory is shared with robots on this machine.
+        local: its local links to them.
 
     Thread: an actor, which opens the session and sends the heartbeat. The readers' threads run the
         listeners' callbacks.
@@ -127,6 +129,7 @@ class Controller(EALActor):
         self.sender: Final = CallSender(f"{config.name} sender", self.put, self.is_alive)
         self._urgent_sender = Sender(f"{config.name} urgent sender")
         self._callbacks = EALActor(f"{config.name} callbacks", clock)
+        self.local: Final = LocalLinks(self._on_reply, is_on=config.network.shared_memory and security is None)
 
     def warnings(self) -> list[str]:
         """Return warnings about certificates of this process that expire soon. Thread: any."""
@@ -240,6 +243,7 @@ class Controller(EALActor):
     @override
     def on_stop(self) -> None:
         self._transport = None
+        self.local.close()
         for actor in (self.sender, self._urgent_sender, self._callbacks):
             actor.end_soon()
         self._stack.close()
@@ -274,6 +278,7 @@ class Controller(EALActor):
         with self._lock:
             if self._listeners.get(listener.name) is listener:
                 del self._listeners[listener.name]
+                self.local.disconnect(listener.name)
 
     def is_alive(self, robot: str) -> bool:
         """Return whether the robot's liveliness token is there, with our protocol version."""
@@ -285,13 +290,11 @@ class Controller(EALActor):
         Returns:
             A function that ends the subscription; None if the network is not open.
         """
-        transport = self._transport
-        if transport is None:
-            return None
         import zenoh
 
+        transport = self._transport
         try:
-            return transport.receive(key, f"{self.fleet} stream", on_sample)
+            return None if transport is None else transport.receive(key, f"{self.fleet} stream", on_sample)
         except zenoh.ZError as error:
             get_logger(fleet=self.fleet).debug("a subscription failed", key=key, reason=error_text(error))
             return None
@@ -318,7 +321,9 @@ class Controller(EALActor):
         transport = self._transport
         if transport is None:
             return False
-        if len(envelope) + len(payload) <= parts.PART_BYTES:
+        if (is_local := self.local.put(robot, key, envelope, payload, is_urgent=is_urgent)) is not None:
+            is_sent = is_local
+        elif len(envelope) + len(payload) <= parts.PART_BYTES:
             is_sent = transport.put(key, envelope, payload, is_urgent=is_urgent, is_last=is_last)
         else:
             split = parts.split(next(self._part_numbers), envelope, payload)
@@ -346,12 +351,17 @@ class Controller(EALActor):
                 del self._versions[name]
             else:  # the robot was updated, and its old token disappears after the new one appeared
                 return
+        self.local.disconnect(name)
         if listener is None:
             return
         if is_alive:
             listener.on_alive(version)
         else:
             listener.on_gone("is unreachable")
+
+    def _on_reply(self, robot: str, envelope: bytes, payload: bytes) -> None:
+        if (listener := self._listeners.get(robot)) is not None:
+            listener.on_reply(envelope, payload)
 
     def _on_answer(self, key: str, sample: zenoh.Sample) -> None:
         attachment = sample.attachment
@@ -361,8 +371,7 @@ class Controller(EALActor):
         except ProtocolError:
             return
         if envelope[:1] != BEGINS_BATCH:
-            if (listener := self._listeners.get(name)) is not None:
-                listener.on_reply(envelope, sample.payload.to_bytes())
+            self._on_reply(name, envelope, sample.payload.to_bytes())
             return
         try:
             rows = decode_batch(envelope, 1)
@@ -370,9 +379,8 @@ class Controller(EALActor):
             self._malformed.warn(name, "a batch of replies is malformed", error.message)
             return
         for robot, reply, payload in rows:
-            is_proven = robot == name or self.certificate is None  # access control has proven the robot of the key only
-            if is_proven and (listener := self._listeners.get(robot)) is not None:
-                listener.on_reply(reply, payload)
+            if robot == name or self.certificate is None:  # access control has proven the robot of the key only
+                self._on_reply(robot, reply, payload)
 
     def _on_event(self, key: str, sample: zenoh.Sample) -> None:
         attachment = sample.attachment

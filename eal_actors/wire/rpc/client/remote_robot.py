@@ -191,6 +191,9 @@ class RemoteRobot(EALActor):
         self._controller.last_handshake_s = REAL_TIME.now()
         self._channel.rights, self._channel.process = handshake.rights, handshake.process
         self._channel.memory.reset()
+        if self.view.state is not RobotState.READY:  # else its calls already take one way, and keep to it
+            lose_all = self._channel.pending.lose_all
+            self._controller.local.connect(self.spec.name, handshake.process, self.spec.address, lose_all)
         self.view.not_ready = dict(handshake.not_ready)
         self._update_cells(handshake)
         self._update_stop(handshake.stopped)

@@ -11,7 +11,7 @@ import math
 import threading
 from collections import OrderedDict
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 from eal_actors.actors.call import MOTION_METHODS
 from eal_actors.device.data import EALData
@@ -74,9 +74,33 @@ class ControllerNames:
             if len(known) > _MAX_NAMES:
                 known.popitem(last=False)
 
+    def noted(self, client: str, caller: str) -> str:
+        """Return a controller's name, after it is noted if it has none."""
+        name = self._names.get(client[:16], _NO_NAMES).get(client)  # as certificate_id, in every command
+        if name is not None:
+            return name
+        self.note(client, caller)
+        return self.of(client)
+
     def of(self, client: str) -> str:
         """Return a controller's name; its client id if it has none."""
         return self._names.get(certificate_id(client), _NO_NAMES).get(client, client)
+
+
+class Admitted(NamedTuple):
+    """A command that was admitted.
+
+    Attributes:
+        call_id: its identifier.
+        at_s: robot's real time of the admission.
+        begin_in_s: real seconds from then within which it must begin.
+        left_s: real seconds from then until its deadline.
+    """
+
+    call_id: CallId
+    at_s: float
+    begin_in_s: float
+    left_s: float
 
 
 class Admission:
@@ -105,11 +129,8 @@ class Admission:
         self._dead_man = DeadManSwitch(dead_man_s)
         self.quiet_until_s = math.inf
 
-    def check(self, header: CallHeader, method: str, resource: str) -> tuple[float, float]:
+    def check(self, header: CallHeader, method: str, resource: str) -> Admitted:
         """Admit a command; call `finish` when it has ended. Call `silences` first, unless it is quiet.
-
-        Returns:
-            Real seconds within which it must begin, and until its deadline; both count from its sending.
 
         Raises:
             StaleCommandError: it is too old, or was received before.
@@ -132,10 +153,11 @@ class Admission:
                 raise
             if method in MOTION_METHODS:
                 self._dead_man.commanded(header.client, resource, now_s)
-                self.quiet_until_s = min(self.quiet_until_s, now_s + self._dead_man.dead_man_s)
+                if self.quiet_until_s > now_s + self._dead_man.dead_man_s:
+                    self.quiet_until_s = now_s + self._dead_man.dead_man_s
             else:
                 self._dead_man.heard(header.client, now_s)
-        return sent_s + stamp.ttl_s - now_s, left_s
+        return tuple.__new__(Admitted, (stamp.call, now_s, sent_s + stamp.ttl_s - now_s, left_s))
 
     def note_stop(self, header: CallHeader, resource: str) -> None:
         """Refuse from now on commands that a stop has overtaken; the stop itself is obeyed at any age."""
@@ -148,6 +170,10 @@ class Admission:
 
     def finish(self, call: CallId, outcome: Answer) -> None:
         """Record the outcome of an admitted command."""
+        if type(outcome) is int:  # the usual one
+            with self._guard:
+                self._history.finish(call, outcome)
+            return
         if isinstance(outcome, EALError):
             outcome = outcome.copy()  # without its traceback, which refers to the arguments of the call
             outcome.message = outcome.message[:_MAX_MESSAGE]
@@ -214,4 +240,6 @@ class Admission:
 
 
 def _stamp_of(header: CallHeader) -> Stamp:
-    return tuple.__new__(Stamp, (header.call_id, header.ttl_s, header.era, header.echo_s, header.held_s))
+    client, epoch, sequence, ttl_s, _, _, _, era, echo_s, held_s, _, _ = header
+    new = tuple.__new__  # Stamp() and CallId() take several times as long
+    return new(Stamp, (new(CallId, (client, epoch, sequence)), ttl_s, era, echo_s, held_s))

@@ -6,14 +6,18 @@ a resource is not written for others, and a full mailbox keeps all their texts.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any, Final
 
 from eal_actors.actors.call import Call
+from eal_actors.actors.future import Relay
 from eal_actors.actors.handles import ResourceHandle
 from eal_actors.device.data import EALData
-from eal_actors.kernel.errors import ProtocolError
+from eal_actors.device.info import ResourceInfo
+from eal_actors.kernel.errors import AccessDeniedError, ProtocolError
+from eal_actors.wire.format.keys import CallKey
 from eal_actors.wire.format.messages import CallHeader
+from eal_actors.wire.security.access import Rights
 
 _ARGUMENT_TYPES: Final[dict[str, tuple[type, ...]]] = {
     "get_status": (),
@@ -41,6 +45,7 @@ def start_call(
     timeout_s: float,
     begin_by_s: float | None = None,
     start_s: float | None = None,
+    prepare: Callable[[Call[Any]], Relay] | None = None,
 ) -> Call[Any]:
     """Call a resource for a controller; see ResourceHandle.start_call. Thread: any; does not block.
 
@@ -51,16 +56,30 @@ def start_call(
     arguments: tuple[Any, ...] = plain
     check_arguments(method, plain, data)
     if method in _TAKE_DATA:
-        arguments = (data, *plain) if method in ("set_value", "write_comm") else (*plain, data)
-    return handle.start_call(method, arguments, timeout_s, begin_by_s, start_s)
+        arguments = (data, *plain) if method in _NEED_DATA else (*plain, data)
+    return handle.start_call(method, arguments, timeout_s, begin_by_s, start_s, prepare)
 
 
 def check_arguments(method: str, plain: tuple[str | int, ...], data: EALData | None) -> None:
     """Raise ProtocolError unless a method takes such arguments."""
+    if method == "send_cmd" and len(plain) == 1 and type(text := plain[0]) is str and len(text) <= _MAX_TEXT:
+        return  # the most frequent one
     if len(plain) > 1 or (plain and type(plain[0]) is str and len(plain[0]) > _MAX_TEXT):
         check_texts(method, plain, _MAX_TEXT)
     if tuple(map(type, plain)) != _ARGUMENT_TYPES[method] or (data is None and method in _NEED_DATA):
         raise ProtocolError(f"{method} does not take the arguments {plain!r}{'' if data is None else ' and a value'}")
+
+
+def check_request(rights: Rights | None, call: CallKey, info: ResourceInfo, arguments: tuple[str | int, ...]) -> None:
+    """Raise AccessDeniedError for a request that may move something, of a caller that may not command the resource.
+
+    The engine's access control knows the methods alone, and lets observers send requests.
+    """
+    if rights is None or rights.allows(call.resource, "send_cmd"):
+        return
+    if not all(info.is_reading(str(req)) for req in arguments):
+        message = f"does not grant a request in free text to {call.caller!r}, which may not command it"
+        raise AccessDeniedError(message, resource=call.resource)
 
 
 def check_texts(method: str, arguments: Iterable[str | int], most: int) -> None:
@@ -75,4 +94,5 @@ def check_texts(method: str, arguments: Iterable[str | int], most: int) -> None:
 
 def is_stop(handle: ResourceHandle, method: str, header: CallHeader) -> bool:
     """Return whether a call is a command that only stops, which anybody may give at any time, like a halt."""
-    return method == "send_cmd" and header.arguments[:1] != () and header.arguments[0] in handle.info.urgent_commands
+    arguments = header.arguments
+    return method == "send_cmd" and bool(arguments) and arguments[0] in handle.info.urgent_commands

@@ -27,11 +27,13 @@ from eal_actors.wire.format import keys
 from eal_actors.wire.format.batches import BEGINS_BATCH, decode_batch
 from eal_actors.wire.format.messages import decode_heartbeat
 from eal_actors.wire.format.parts import BEGINS_PART, PartStore
+from eal_actors.wire.local_link import LocalLink, LocalListener
 from eal_actors.wire.rpc.server.outbox import Outbox, ReplyBatch
 from eal_actors.wire.rpc.server.request_queue import RequestQueue
 from eal_actors.wire.rpc.server.robot_server import RobotServer
 from eal_actors.wire.rpc.throttled_log import ThrottledLog
 from eal_actors.wire.security.revocation import revoke, revoked_names
+from eal_actors.wire.session import links_of
 from eal_actors.wire.transport import Transport
 
 if TYPE_CHECKING:
@@ -60,16 +62,19 @@ class RobotHost(EALActor):
         self._robot = robot
         self._session = session
         self._network = network
+        self._is_open = network.security is None
         self._lock = threading.Lock()
         self._servers: dict[str, RobotServer] = {}
         self._malformed = ThrottledLog(fleet=fleet)
-        self._parts = PartStore()  # of the reader's thread
+        self._parts = PartStore()
+        self._parts_lock = threading.Lock()
         self._unsubscribe: list[Callable[[], None]] = []
         self._revoked = self._read_revoked()
         self._process = secrets.token_hex(8)
         self._transport = Transport(session)
         self._outbox = Outbox(f"{robot or fleet} outbox", self._transport)
         self._requests = RequestQueue(self._run_after_timers)
+        self._local: LocalListener | None = None
 
     def _read_revoked(self) -> frozenset[str]:
         security = self._network.security
@@ -79,6 +84,8 @@ class RobotHost(EALActor):
     def launch(self) -> Self:
         self._outbox.launch()
         self._subscribe()
+        if self._network.shared_memory and self._network.security is None:
+            self._local = LocalListener(self._process, self._has_link_at, self._receive)
         return super().launch()
 
     def _subscribe(self) -> None:
@@ -175,6 +182,8 @@ class RobotHost(EALActor):
     def on_stop(self) -> None:
         for unsubscribe in self._unsubscribe:
             unsubscribe()
+        if self._local is not None:
+            self._local.close()
         self._outbox.end_soon()
 
     @override
@@ -191,31 +200,39 @@ class RobotHost(EALActor):
 
     # Messages, in the readers' threads.
 
+    def _has_link_at(self, port: int) -> bool:
+        return any(link.port == port for link in links_of(self._session))
+
     def _is_ignored(self, caller: str) -> bool:
         """Return whether a caller's messages are ignored.
 
         Its certificate is revoked; or it claims one in a fleet without security, where nothing bounds such names, and
         much is bounded for each of them.
         """
-        return caller in self._revoked or (self._network.security is None and caller != keys.ANYBODY)
+        return caller in self._revoked or (self._is_open and caller != keys.ANYBODY)
 
     def _on_call(self, key: str, sample: zenoh.Sample) -> None:
         attachment = sample.attachment
-        envelope = b"" if attachment is None else attachment.to_bytes()
-        payload: Payload = sample.payload.to_bytes()
+        self._receive(None, key, b"" if attachment is None else attachment.to_bytes(), sample.payload.to_bytes())
+
+    def _receive(self, link: LocalLink | None, key: str, envelope: bytes, payload: Payload) -> None:
+        """Serve a call, of a local link if one is given."""
         try:
             route = keys.parse_route(key)
-            if self._is_ignored(route.call.caller):
+            caller, first = route.call.caller, envelope[:1]
+            if caller in self._revoked or (self._is_open and caller != keys.ANYBODY):  # as _is_ignored, for every call
                 return
             server = self._servers.get(route.call.robot)
-            if envelope[:1] == BEGINS_PART:
+            if first == BEGINS_PART:
                 if server is None:
                     return
-                whole = self._parts.add(key, envelope, payload)
+                with self._parts_lock:
+                    whole = self._parts.add(key, envelope, payload)
                 if whole is None:
                     return
                 envelope, payload = whole
-            if envelope[:1] == BEGINS_BATCH:
+                first = envelope[:1]
+            if first == BEGINS_BATCH:
                 self._receive_batch(key, route, decode_batch(envelope, 3))
                 return
         except ProtocolError as error:
@@ -226,7 +243,7 @@ class RobotHost(EALActor):
                 server.refuse(route, payload, error)
             return
         if server is not None:  # else another process serves the robot
-            server.receive(route, envelope, payload)
+            server.receive(route, envelope, payload, None, link)
 
     def _receive_batch(self, key: str, route: keys.CallRoute, rows: list[list[Any]]) -> None:
         """Serve the calls of a batch in their order; ProtocolError, and nothing is served, if one has a wrong place."""

@@ -81,7 +81,9 @@ class Replies:
         self._send(reply_to, envelope, payload, send or self._outbox.publish)
 
     def _send(self, reply_to: ReplyTo, envelope: bytes, payload: Payload, send: Callable[..., None]) -> None:
-        key, _, is_urgent, batch = reply_to
+        key, _, is_urgent, batch, link = reply_to
+        if link is not None and link.send(self._robot, envelope, payload):
+            return
         if batch is None or is_urgent or not batch.add(self._robot, envelope, payload):
             send(key, envelope, payload, is_urgent=is_urgent)
 

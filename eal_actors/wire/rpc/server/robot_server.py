@@ -11,8 +11,10 @@ from __future__ import annotations
 import secrets
 from collections.abc import Callable, Iterable
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
+from eal_actors.actors.call import Call
+from eal_actors.actors.future import Relay
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
 from eal_actors.device.data import EALData, Payload
 from eal_actors.device.info import ResourceType
@@ -34,6 +36,7 @@ from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import (
     ACCEPTED,
     CallHeader,
+    CallId,
     Heartbeat,
     RobotEvent,
     decode_call,
@@ -41,8 +44,9 @@ from eal_actors.wire.format.messages import (
 )
 from eal_actors.wire.format.packing import Buffer
 from eal_actors.wire.format.parts import sequence_at
+from eal_actors.wire.local_link import LocalLink
 from eal_actors.wire.rpc.server.admission import Admission
-from eal_actors.wire.rpc.server.call_arguments import check_arguments, is_stop, start_call
+from eal_actors.wire.rpc.server.call_arguments import check_arguments, check_request, is_stop, start_call
 from eal_actors.wire.rpc.server.controller_memories import ControllerMemories
 from eal_actors.wire.rpc.server.outbox import Outbox, ReplyBatch
 from eal_actors.wire.rpc.server.replies import Replies
@@ -107,9 +111,8 @@ class RobotServer:
         self._rights = encode_rights(network.security, robot.name)
         self._era = secrets.token_hex(4)
         self._event_key = keys.event_key(fleet, robot.name)
-        self._admission = Admission(
-            self._era, _actuators(robot) if exclusive is None else exclusive, network.dead_man_s
-        )
+        exclusive = _actuators(robot) if exclusive is None else exclusive
+        self._admission = Admission(self._era, exclusive, network.dead_man_s)
         self._running = RunningCommands()
         self._memories = ControllerMemories(robot.name, is_enabled=network.shared_memory)
         self._replies = Replies(robot, self._era, outbox, self._memories)
@@ -225,27 +228,25 @@ class RobotServer:
     # Calls of controllers, in the readers' threads.
 
     def receive(
-        self, route: keys.CallRoute, envelope: bytes, payload: Payload, batch: ReplyBatch | None = None
+        self,
+        route: keys.CallRoute,
+        envelope: bytes,
+        payload: Payload,
+        batch: ReplyBatch | None = None,
+        link: LocalLink | None = None,
     ) -> None:
-        """Serve a call, of a batch if one is given. Thread: the reader's; does not block."""
+        """Serve a call, of a batch or a local link if one is given. Thread: the reader's; does not block."""
         call, reply_to = route.call, None
         try:
             header, data = decode_call(envelope, payload)
-            reply_to = tuple.__new__(ReplyTo, (route.answer_key, header.sequence, False, batch))
+            reply_to = tuple.__new__(ReplyTo, (route.answer_key, header.sequence, False, batch, link))
             if header.client != route.client:
                 raise ProtocolError(f"a controller named {call.caller} calls in the name of another one")
-            if header.era:  # a command, whose caller is named to others
-                self._admission.names.note(route.client, call.caller)
-            if call.method == "send_req":
-                self._check_request(call, header.arguments)
             if data is not None and data.stamp_s is not None:
                 data = data.with_meta(stamp_s=self._clock.from_real(data.stamp_s))
             if header.traceparent:
                 with spans.within(header.traceparent):
                     self._dispatch(route, reply_to, header, data)
-            elif route.is_reading:  # as _dispatch, for the most frequent calls
-                handle = self._handles.get(call.resource) or self._handle(call.resource)
-                self._serve_reading(handle, call.method, reply_to, header, data)
             else:
                 self._dispatch(route, reply_to, header, data)
         except EALError as error:
@@ -255,29 +256,9 @@ class RobotServer:
             failure = ResourceFaultError(f"the server raised {error_text(error)}")
             self._answer(reply_to or ReplyTo(route.answer_key, 0), failure)
 
-    def _check_request(self, call: keys.CallKey, arguments: tuple[str | int, ...]) -> None:
-        """Raise AccessDeniedError for a request that may move something, of a caller that may not command the resource.
-
-        The engine's access control knows the methods alone, and lets observers send requests.
-        """
-        rights = Rights.decode(self._rights, call.caller)
-        if rights is None or rights.allows(call.resource, "send_cmd"):
-            return
-        info = self._robot[call.resource].info
-        if not all(info.is_reading(str(req)) for req in arguments):
-            message = f"does not grant a request in free text to {call.caller!r}, which may not command it"
-            raise AccessDeniedError(message, resource=call.resource)
-
     def refuse(self, route: keys.CallRoute, first: Buffer, error: BusyError) -> None:
-        """Answer a call whose parts are not collected. Thread: the reader's; does not block.
-
-        Args:
-            route: of the call.
-            first: the first bytes of its envelope.
-            error: the answer.
-        """
-        reply_to = ReplyTo(route.answer_key, sequence_at(first))
-        self._answer(reply_to, error.at(self._robot.name))
+        """Answer a call whose parts are not collected, by its first bytes. Thread: the reader's; does not block."""
+        self._answer(ReplyTo(route.answer_key, sequence_at(first)), error.at(self._robot.name))
 
     def _handle(self, resource: str) -> ResourceHandle:
         handle = self._handles[resource] = self._robot[resource]
@@ -287,60 +268,73 @@ class RobotServer:
         call = route.call
         if call.resource == keys.ROBOT:
             self._serve_robot(call, reply_to, header)
+            return
+        handle = self._handles.get(call.resource) or self._handle(call.resource)
+        if route.is_reading:
+            self._serve_reading(handle, call, reply_to, header, data)
+        elif call.method in keys.COMMANDS and not is_stop(handle, call.method, header):
+            self._serve_command(handle, call, reply_to, header, data)
         else:
-            serve = self._serve_reading if route.is_reading else self._serve
-            serve(self._handles.get(call.resource) or self._handle(call.resource), call.method, reply_to, header, data)
+            self._serve_other(handle, call.method, reply_to, header, data)
 
     def _serve_reading(
-        self, handle: ResourceHandle, method: str, reply_to: ReplyTo, header: CallHeader, data: EALData | None
+        self, handle: ResourceHandle, call: keys.CallKey, reply_to: ReplyTo, header: CallHeader, data: EALData | None
     ) -> None:
+        method = call.method
         if header.deadline_s <= 0:
-            raise DeadlineError(f"{method} came after its deadline; it was not executed")
+            raise _too_late(method)
         if method != "get_value" or header.arguments:
             check_arguments(method, header.arguments, data)
+            if method == "send_req":
+                check_request(Rights.decode(self._rights, call.caller), call, handle.info, header.arguments)
         is_brief = method == "get_value" and handle.reads_now  # perhaps in this thread, which must not wait for a link
         send = self._outbox.publish_briefly if is_brief else self._outbox.publish_from_here
         answer = partial(self._replies.answer_reading, reply_to, header.client, send)
         handle.start_reading(method, header.arguments, header.deadline_s * self._second, answer)
 
-    def _serve(
+    def _serve_other(
         self, handle: ResourceHandle, method: str, reply_to: ReplyTo, header: CallHeader, data: EALData | None
     ) -> None:
-        if header.deadline_s <= 0 and method not in (keys.INFO, keys.STREAM):
-            raise DeadlineError(f"{method} came after its deadline; it was not executed")
-        if method == keys.HALT or is_stop(handle, method, header):
-            self._admission.note_stop(header, handle.name)
-            call = start_call(handle, method, header, data, header.deadline_s * self._second)
-            call.link(lambda done, _: self._answer(reply_to._replace(is_urgent=True), self._outcome(done)))
-        elif method == keys.INFO:
+        if method == keys.INFO:
             self._answer(reply_to, handle.info.to_dict())
         elif method == keys.STREAM:
             self._publisher.serve(handle, header)
             self._answer(reply_to, 1)
+        elif header.deadline_s <= 0:
+            raise _too_late(method)
         else:
-            self._serve_command(handle, method, reply_to, header, data)
+            self._admission.note_stop(header, handle.name)
+            call = start_call(handle, method, header, data, header.deadline_s * self._second)
+            call.link(lambda done, _: self._answer(reply_to._replace(is_urgent=True), self._outcome(done)))
 
     def _serve_command(
-        self, handle: ResourceHandle, method: str, reply_to: ReplyTo, header: CallHeader, data: EALData | None
+        self, handle: ResourceHandle, key: keys.CallKey, reply_to: ReplyTo, header: CallHeader, data: EALData | None
     ) -> None:
-        now_s = REAL_TIME.now()
-        if now_s >= self._admission.quiet_until_s:
+        if header.deadline_s <= 0:
+            raise _too_late(key.method)
+        if REAL_TIME.now() >= self._admission.quiet_until_s:
             self._halt_silent()  # before another controller's first command
-        begin_in_s, left_s = self._admission.check(header, method, handle.name)
-        begin_by_s = self._clock.now() + begin_in_s * self._second
+        caller = self._admission.names.noted(header.client, key.caller)
+        call_id, now_s, begin_in_s, left_s = self._admission.check(header, key.method, key.resource)
         start_s = None if header.start_s is None else self._clock.from_real(header.start_s)
-        call_id, value_bytes = header.call_id, 0 if data is None else data.length
+        value_bytes = 0 if data is None else data.length
+        prepare = partial(self._prepare, call_id, reply_to, caller, now_s, value_bytes)
         try:
             if value_bytes:
                 self._running.check_room(value_bytes)
-            call = start_call(handle, method, header, data, left_s * self._second, begin_by_s, start_s)
+            begin_by_s = self._clock.now() + begin_in_s * self._second
+            start_call(handle, key.method, header, data, left_s * self._second, begin_by_s, start_s, prepare)
         except EALError as error:
             self._admission.finish(call_id, error)
             raise
-        call.caller = self._admission.names.of(header.client)
-        command = ServedCommand(call_id, reply_to, call, now_s, value_bytes)
+
+    def _prepare(
+        self, call_id: CallId, reply_to: ReplyTo, caller: str, now_s: float, value_bytes: int, call: Call[Any]
+    ) -> Relay:
+        call.caller = caller
+        command = ServedCommand(self._finish, call_id, reply_to, call, now_s, value_bytes)
         self._running.add(command)
-        call.link(lambda _, __: self._finish(command))
+        return command
 
     def _finish(self, command: ServedCommand) -> None:
         """Send the outcome of a command. Thread: the one that finishes it, usually its resource's."""
@@ -391,6 +385,10 @@ class RobotServer:
 
     def _publish(self, event: RobotEvent, *, is_vital: bool = True) -> None:
         self._outbox.publish(self._event_key, *encode_event(event), is_vital=is_vital)
+
+
+def _too_late(method: str) -> DeadlineError:
+    return DeadlineError(f"{method} came after its deadline; it was not executed")
 
 
 def _actuators(robot: RobotHandle) -> list[str]:

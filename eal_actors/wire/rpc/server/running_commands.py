@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
@@ -19,6 +19,7 @@ from eal_actors.device.resource import Progress
 from eal_actors.kernel.errors import BusyError
 from eal_actors.wire.format.messages import CallId
 from eal_actors.wire.format.packing import MAX_CALL_BYTES
+from eal_actors.wire.local_link import LocalLink
 from eal_actors.wire.rpc.server.outbox import ReplyBatch
 
 PROGRESS_PERIOD_S: Final = 0.25
@@ -39,12 +40,14 @@ class ReplyTo(NamedTuple):
         sequence: number of the call.
         is_urgent: whether the reply overtakes queued messages.
         batch: where replies to the same batch of calls gather; None for a call that came alone.
+        link: the local link that the call came by; None for the engine.
     """
 
     key: str
     sequence: int
     is_urgent: bool = False
     batch: ReplyBatch | None = None
+    link: LocalLink | None = None
 
 
 @dataclass(eq=False, slots=True)
@@ -52,6 +55,7 @@ class ServedCommand:
     """A controller's command that has been passed to its resource and has not ended.
 
     Attributes:
+        finish: called with it when it has ended.
         call_id: its identifier.
         reply_to: address of the reply; None once the reply was sent.
         call: the call to the resource.
@@ -62,6 +66,7 @@ class ServedCommand:
         last_progress_s: real time of that publication.
     """
 
+    finish: Callable[[ServedCommand], None]
     call_id: CallId
     reply_to: ReplyTo | None
     call: Call[Any]
@@ -70,6 +75,10 @@ class ServedCommand:
     is_announced: bool = False
     last_progress: Progress | None = None
     last_progress_s: float = -math.inf
+
+    def __call__(self, *_: object) -> None:
+        """Finish it, as the relay of its call; a function of its own for each command would be one more object."""
+        self.finish(self)
 
     @property
     def has_begun(self) -> bool:
@@ -98,7 +107,10 @@ class ServedCommand:
 
 
 class RunningCommands:
-    """Running commands of one robot. Each reply is sent once: here or at the end of the command. Thread: any."""
+    """Running commands of one robot. Each reply is sent once: here or at the end of the command.
+
+    Thread: any. Commands are added without the lock, so what goes through them goes through a copy.
+    """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -108,14 +120,13 @@ class RunningCommands:
         """Raise BusyError if the values of the commands that have not ended take too much memory for another one."""
         if value_bytes > _SMALL_BYTES:
             with self._lock:
-                total = value_bytes + sum(command.value_bytes for command in self._running.values())
+                total = value_bytes + sum(command.value_bytes for command in list(self._running.values()))
             if total > _MAX_VALUE_BYTES:
                 raise BusyError("the values of other commands fill the robot's memory; call again after they end")
 
     def add(self, command: ServedCommand) -> None:
-        """Add a command that has been passed to its resource."""
-        with self._lock:
-            self._running[command.call_id] = command
+        """Add a command that is about to be passed to its resource."""
+        self._running[command.call_id] = command
 
     def end(self, command: ServedCommand) -> ReplyTo | None:
         """Remove a command that has ended; returns the address of its reply, None if that was sent before."""
@@ -130,7 +141,7 @@ class RunningCommands:
             return []
         taken = []
         with self._lock:
-            for command in self._running.values():
+            for command in list(self._running.values()):
                 reply_to = command.reply_to
                 if reply_to is not None and command.since_s <= since_s:
                     command.reply_to = None
@@ -160,10 +171,10 @@ class RunningCommands:
     def announced(self) -> list[ServedCommand]:
         """Return the commands that an event has announced."""
         with self._lock:
-            return [command for command in self._running.values() if command.is_announced]
+            return [command for command in list(self._running.values()) if command.is_announced]
 
     def _long(self) -> Iterator[ServedCommand]:
-        return (command for command in self._running.values() if command.reply_to is None)
+        return (command for command in list(self._running.values()) if command.reply_to is None)
 
     def cancel(self, call_id: CallId) -> None:
         """Cancel a command; ignored if it is not running."""

@@ -1,0 +1,241 @@
+"""LocalLink: a socket between two processes of one user on one machine, for calls and their replies.
+
+A message of the engine passes two of its threads and the system's network in each direction, which is half of a call.
+A packet socket of the system's own passes neither: the thread that has a message puts it into the other end's buffer,
+and a Python thread of that process takes it out. So a controller dials the process of a robot once they have shaken
+hands over the engine. All else stays with the engine: tokens, heartbeats, events, streams and large values; and the
+calls too where a dial fails, as it does between two machines or two users.
+
+- The socket's name is in Linux's abstract namespace, so there is no file: nothing is left of a process that is killed.
+- Such a name has no permissions. So each end asks the kernel for the user of the other one, and the name contains the
+  random number of the robot's process, which comes with the handshake.
+- Through a proxy or a tunnel nothing is spared: the dialling end names the port of its link, and the other one must
+  have a link at that port.
+- A packet is in the buffer as a whole or not at all. So one that was not taken may go over the engine instead.
+- A call whose packet finds no room for a while ends the link, and calls take the engine from then on.
+- A fleet with certificates has no such links: there the engine checks who may call what.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import socket
+import struct
+import threading
+from collections.abc import Callable
+from functools import partial
+from typing import Final
+
+import msgpack
+
+from eal_actors.device.data import Payload
+from eal_actors.kernel.errors import error_text
+from eal_actors.kernel.log import get_logger
+from eal_actors.wire import engine_exit
+from eal_actors.wire.format.packing import PROTOCOL_VERSION
+
+Receive = Callable[[str, bytes, bytes], None]
+"""Handles a message: the key of a call or the robot of a reply, the envelope and the payload.
+
+It must not block. What it raises is logged."""
+
+_MOST_BYTES: Final = 64 * 1024
+"""Limit of a packet."""
+_BUFFER_BYTES: Final = 208 * 1024
+"""Buffer of a link, the most that Linux grants by default: several hundred calls."""
+_MOST_LINKS: Final = 16
+"""Limit of the links of one robot's process; other controllers use the engine's."""
+_GREETING_S: Final = 0.5
+"""Real seconds within which each end must greet the other."""
+_STALLED_S: Final = 0.5
+"""Real seconds after which a call that waits for a full buffer ends the link, as it does in the engine."""
+_CREDENTIALS: Final = "3i"
+_YES: Final = b"\x01"
+
+_pack: Final = msgpack.Packer().pack
+
+
+class LocalLink:
+    """One end of a link.
+
+    Args:
+        end: a connected socket.
+
+    Thread: any may send; one reads.
+    """
+
+    def __init__(self, end: socket.socket) -> None:
+        self._socket = end
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER_BYTES)
+
+    def send(self, head: str, envelope: bytes, payload: Payload) -> bool:
+        """Send a message at once; return False if the other end has no room or has gone, or it is too long.
+
+        Args:
+            head: the key of a call, or the robot of a reply.
+            envelope: its envelope.
+            payload: its payload.
+        """
+        packet = _pack((head, envelope, payload))
+        if len(packet) > _MOST_BYTES:
+            return False
+        try:
+            self._socket.send(packet, socket.MSG_DONTWAIT)
+        except OSError:
+            return False
+        return True
+
+    def send_patiently(self, head: str, envelope: bytes, payload: Payload) -> bool:
+        """Send a message, as `send`; if there is no room in time, the link ends. Thread: one that may wait."""
+        if self.send(head, envelope, payload):
+            return True
+        with contextlib.suppress(OSError, ValueError):  # it is closed
+            poll = select.poll()
+            poll.register(self._socket, select.POLLOUT)
+            if poll.poll(1000 * _STALLED_S) and self.send(head, envelope, payload):
+                return True
+        self.close()
+        return False
+
+    def read(self, receive: Receive) -> None:
+        """Handle messages until the link ends, at the latest with one that is malformed. Thread: blocks the caller."""
+        buffer = memoryview(bytearray(_MOST_BYTES + 1))
+        unpack, receive_into = msgpack.unpackb, self._socket.recv_into
+        with contextlib.suppress(OSError):  # it has ended
+            while length := receive_into(buffer):
+                try:
+                    head, envelope, payload = unpack(buffer[:length])
+                except (ValueError, TypeError, msgpack.UnpackException):
+                    return
+                if type(head) is not str or type(envelope) is not bytes or type(payload) is not bytes:
+                    return
+                if engine_exit.has_begun:
+                    return
+                try:
+                    receive(head, envelope, payload)
+                except Exception as error:  # noqa: BLE001  # as Transport does; one bad message must not end the thread
+                    get_logger().exception("a message was not handled", error=error_text(error))
+
+    def start(self, receive: Receive, on_end: Callable[[LocalLink], None], name: str) -> None:
+        """Read in a thread of its own; `on_end` is called there when the link has ended."""
+
+        def work() -> None:
+            forget = engine_exit.close_at_exit(self.close)
+            try:
+                self.read(receive)
+            finally:
+                forget()
+                self.close()
+                self._socket.close()
+                on_end(self)
+
+        engine_exit.start_thread(work, name)
+
+    def close(self) -> None:
+        """End the link at both ends; harmless if it has ended. Thread: any; does not block."""
+        with contextlib.suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
+
+
+def dial(process: str, port: int) -> LocalLink | None:
+    """Return a link to the process of a robot; None if it is on another machine, of another user, or refuses.
+
+    Args:
+        process: the robot's process, as it names itself in the handshake.
+        port: the port of its address.
+
+    Thread: blocks the caller for a moment.
+    """
+    end = _packet_socket()
+    if end is None:
+        return None
+    try:
+        end.settimeout(_GREETING_S)
+        end.connect(_name(process))
+        if _is_own(end) and end.send(str(port).encode()) and end.recv(1) == _YES:
+            end.settimeout(None)
+            return LocalLink(end)
+    except OSError:
+        pass
+    end.close()
+    return None
+
+
+class LocalListener:
+    """Accepts the links of controllers on the same machine.
+
+    Args:
+        process: identifier of this process; see `dial`.
+        has_link_at: returns whether this process has a link of the engine at a port.
+        receive: handles a message of a link, in a thread for each.
+
+    Thread: any.
+    """
+
+    def __init__(self, process: str, has_link_at: Callable[[int], bool], receive: Callable[..., None]) -> None:
+        self._has_link_at = has_link_at
+        self._receive = receive
+        self._lock = threading.Lock()
+        self._links: set[LocalLink] = set()
+        self._listener = _packet_socket()
+        if self._listener is not None:
+            self._listener.bind(_name(process))
+            self._listener.listen(_MOST_LINKS)
+            self._forget = engine_exit.close_at_exit(self.close)
+            engine_exit.start_thread(partial(self._accept, self._listener), "local links")
+
+    def _accept(self, listener: socket.socket) -> None:
+        with contextlib.suppress(OSError):  # it is closed
+            while True:
+                end, _ = listener.accept()
+                try:
+                    is_welcome = self._greet(end)
+                except (OSError, ValueError):
+                    is_welcome = False
+                if not is_welcome:
+                    end.close()
+
+    def _greet(self, end: socket.socket) -> bool:
+        end.settimeout(_GREETING_S)
+        if not _is_own(end) or not self._has_link_at(int(end.recv(8))):
+            return False
+        link = LocalLink(end)
+        with self._lock:
+            if len(self._links) >= _MOST_LINKS:
+                return False
+            self._links.add(link)
+        end.settimeout(None)
+        link.start(partial(self._receive, link), self._links.discard, "local calls")
+        return bool(end.send(_YES))
+
+    def close(self) -> None:
+        """Accept no more links, and end those that there are."""
+        if self._listener is not None:
+            self._forget()
+            with contextlib.suppress(OSError):
+                self._listener.shutdown(socket.SHUT_RDWR)
+            self._listener.close()
+        with self._lock:
+            links = list(self._links)
+        for link in links:
+            link.close()
+
+
+def _packet_socket() -> socket.socket | None:
+    """Return a new packet socket; None where there are none, or no abstract names."""
+    if not hasattr(socket, "SO_PEERCRED"):
+        return None
+    return socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+
+
+def _name(process: str) -> str:
+    return f"\0eal-{PROTOCOL_VERSION}-{process}"
+
+
+def _is_own(end: socket.socket) -> bool:
+    """Return whether the process at the other end belongs to the same user."""
+    credentials = end.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize(_CREDENTIALS))
+    _, user, _ = struct.unpack(_CREDENTIALS, credentials)
+    return bool(user == os.geteuid())
