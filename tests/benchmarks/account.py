@@ -1,9 +1,9 @@
 """Where the time of a remote call goes: microseconds between the stations of its path, at both ends.
 
-Run as `python -m tests.benchmarks.account [--page PAGE] [--before CHECKOUT]`: it prints a table in Markdown, and writes
-it into a page, beside the figures of an earlier checkout if one is given. Both are measured twice, in turn. Each
-station is a method that the path enters or leaves; a wrapper notes the time of the system's clock there, which both
-processes share. One core; the median of the calls counts. A wrapper adds about half a microsecond.
+Run as `python -m tests.benchmarks.account [--page PAGE]`: it prints a table in Markdown and writes it into a page, over
+the engine's link and over a local link. Each station is a method that the path enters or leaves; a wrapper notes the
+time of the system's clock there, which both processes share. One core; the median of the calls counts. A wrapper adds
+about half a microsecond.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import sys
 import time
 from collections import defaultdict
 from collections.abc import Callable
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
@@ -25,6 +26,7 @@ from eal_actors import Fleet
 from eal_actors.actors.future import Future
 from eal_actors.actors.inbox import Inbox
 from eal_actors.actors.resource_actor import ResourceActor
+from eal_actors.wire.local_link import LocalLink
 from eal_actors.wire.rpc.client.controller import Controller
 from eal_actors.wire.rpc.server.host import RobotHost
 from eal_actors.wire.transport import Transport
@@ -43,27 +45,31 @@ Station = tuple[str, type, str, bool]
 """Name, class, method, and whether its entry (True) or its exit counts."""
 
 CONTROLLER: Final[tuple[Station, ...]] = (
-    ("the call is encoded and goes to the engine", Transport, "put", True),
-    ("the engine has it", Transport, "put", False),
-    ("the answer is received", Controller, "_on_answer", True),
+    ("the call is encoded", Transport, "put", True),
+    ("the call is sent", Transport, "put", False),
+    ("the call is encoded", LocalLink, "send", True),
+    ("the call is sent", LocalLink, "send", False),
+    ("the answer is received", Controller, "_on_reply", True),
     ("the caller is woken", Future, "settle", False),
 )
 ROBOT: Final[tuple[Station, ...]] = (
-    ("the call is received", RobotHost, "_on_call", True),
+    ("the call is received", RobotHost, "_receive", True),
     ("it is in the mailbox", Inbox, "put", False),
     ("the resource begins", ResourceActor, "_execute", True),
-    ("the answer is encoded and goes to the engine", Transport, "put", True),
-    ("the engine has the answer", Transport, "put", False),
+    ("the answer is encoded", Transport, "put", True),
+    ("the answer is sent", Transport, "put", False),
+    ("the answer is encoded", LocalLink, "send", True),
+    ("the answer is sent", LocalLink, "send", False),
 )
 LEGS: Final = (
-    ("controller", "handle, checks, header", "the call is encoded and goes to the engine"),
-    ("controller", "engine takes the call", "the engine has it"),
-    ("engine", "link to the robot, reader wakes", "the call is received"),
+    ("controller", "handle, checks, header", "the call is encoded"),
+    ("controller", "the link takes the call", "the call is sent"),
+    ("link", "to the robot, reader wakes", "the call is received"),
     ("robot", "decode, admit, mailbox", "it is in the mailbox"),
     ("robot", "the resource's thread wakes", "the resource begins"),
-    ("robot", "method, outcome, encode, outbox", "the answer is encoded and goes to the engine"),
-    ("robot", "engine takes the answer", "the engine has the answer"),
-    ("engine", "link to the controller, reader wakes", "the answer is received"),
+    ("robot", "method, outcome, encode, outbox", "the answer is encoded"),
+    ("robot", "the link takes the answer", "the answer is sent"),
+    ("link", "to the controller, reader wakes", "the answer is received"),
     ("controller", "decode, find the call, set the outcome", "the caller is woken"),
     ("controller", "the caller wakes", "end"),
 )
@@ -125,12 +131,14 @@ class RobotProcess:
         self.process.wait()
 
 
-def measure(call: Callable[[Any], object], port: int) -> dict[str, float]:
-    """Return the median microseconds of each leg."""
+def measure(call: Callable[[Any], object], port: int, *, is_local: bool = True) -> dict[str, float]:
+    """Return the median microseconds of each leg, over a local link or the engine's."""
+    notes.clear()
     robot = RobotProcess("tests.benchmarks.account", "1", str(port))
+    config = fleet_of(1, port)
     try:
         spans: list[tuple[int, int]] = []
-        with Fleet(fleet_of(1, port)) as fleet:
+        with Fleet(replace(config, network=replace(config.network, shared_memory=is_local))) as fleet:
             lamp = fleet["bot1"]["Lamp"]
             for _ in range(WARM_UP + CALLS):
                 start = time.monotonic_ns()
@@ -162,55 +170,35 @@ def legs(spans: list[tuple[int, int]], every: list[tuple[str, int]]) -> dict[str
     return {what: statistics.median(times) for what, times in durations.items()}
 
 
-def account() -> dict[str, list[float]]:
-    """Return the median microseconds of each leg of a reading and of a command."""
+def table() -> str:
+    """Return the account in Markdown."""
     observe(CONTROLLER)
-    reading = measure(lambda lamp: lamp.get_value().get(), free_port())
-    notes.clear()
-    command = measure(lambda lamp: lamp.send_cmd("on").get(), free_port())
-    return {what: [reading.get(what, 0), command.get(what, 0)] for what in (*(leg for _, leg, _ in LEGS), WHOLE)}
-
-
-def account_of(checkout: Path) -> dict[str, list[float]]:
-    """Return the account of a checkout, measured by its own module: the rows of the table that it prints."""
-    environment = {**os.environ, "PYTHONPATH": str(checkout)}
-    command = [sys.executable, "-m", "tests.benchmarks.account"]
-    printed = subprocess.run(command, cwd=checkout, env=environment, check=True, capture_output=True, text=True).stdout
-    rows = [[cell.strip() for cell in line.strip("| ").split("|")] for line in printed.splitlines()]
-    return {row[-3]: [float(row[-2]), float(row[-1])] for row in rows if row[-1].isdecimal()}
-
-
-def table(before: Path | None) -> str:
-    """Return the account in Markdown, beside that of an earlier checkout."""
-    checkouts = [ROOT] if before is None else [before, ROOT]
-    accounts = [[account_of(checkout) for checkout in checkouts] for _ in range(2 if before else 1)]
-    titles = ["get_value", "send_cmd"] if before is None else ["get_value before", "now", "send_cmd before", "now"]
-    lines = [f"| end | what | {' | '.join(titles)} |", "|---" * (2 + len(titles)) + "|"]
+    calls: tuple[Callable[[Any], object], ...] = (
+        lambda lamp: lamp.get_value().get(),
+        lambda lamp: lamp.send_cmd("on").get(),
+    )
+    columns = [measure(call, free_port(), is_local=is_local) for call in calls for is_local in (False, True)]
+    lines = [
+        "| end | what | get_value over the engine | local link | send_cmd over the engine | local link |",
+        "|---|---|---|---|---|---|",
+    ]
     for end, what in [*((end, what) for end, what, _ in LEGS), ("", WHOLE)]:
-        kinds = [
-            [statistics.mean(run[place][what][kind] for run in accounts) for place in range(len(checkouts))]
-            for kind in (0, 1)
-        ]
-        lines.append(f"| {end} | {what} | {' | '.join(f'{time_us:.0f}' for kind in kinds for time_us in kind)} |")
+        lines.append(f"| {end} | {what} | {' | '.join(f'{times.get(what, 0):.0f}' for times in columns)} |")
     return "\n".join([*lines, "", f"{machine()}; eclipse-zenoh {version('eclipse-zenoh')}."])
 
 
 def main() -> None:
-    """Print the account of this checkout; write it into a page if one is named."""
+    """Print the account, and write it into a page if one is named."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--page", type=Path)
-    parser.add_argument("--before", type=Path)
     parser.add_argument("--serve", nargs=2)
     options = parser.parse_args()
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     if options.serve:
         sys.argv[1:] = options.serve
         serve()
-    elif options.page is None and options.before is None:
-        lines = [f"| {what} | {reading:.0f} | {command:.0f} |" for what, (reading, command) in account().items()]
-        sys.stdout.write("\n".join(["| what | get_value, µs | send_cmd, µs |", "|---|---|---|", *lines]) + "\n")
     else:
-        publish(table(options.before), options.page, BEGIN)
+        publish(table(), options.page, BEGIN)
 
 
 if __name__ == "__main__":

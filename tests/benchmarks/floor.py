@@ -6,6 +6,8 @@ and one for the caller, as actors and futures need them; the packed fields of a 
 several callers share a link; the least program that keeps the promises (tests/benchmarks/least.py): admission,
 deadlines, leases, receipts, times, and a bounded mailbox. The last row's distance to that is what the rest of the
 project costs. All processes share one core, and each step is measured in turn with raw TCP, round by round.
+
+On one machine, calls take a local link instead of the engine's; local_floor has their table.
 """
 
 from __future__ import annotations
@@ -32,6 +34,7 @@ from eal_actors import Fleet
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.wire.engine_threads import share_threads
 from eal_actors.wire.format import keys
+from tests.benchmarks import local_floor
 from tests.benchmarks.least import LeastController, LeastRobot
 from tests.benchmarks.network_host import FRAME, fleet_of
 from tests.benchmarks.page import machine, publish
@@ -61,9 +64,9 @@ STEPS: Final = {
     THREADS: "a thread for the resource, one for the answers",
     PACKED: "and the fields of both messages, packed, numbered and checked",
     LEAST: "and the promises, in the least program that keeps them",
-    OURS: "this project",
+    OURS: "this project over TCP",
     LEAST_COMMAND: "a command instead, in the least program",
-    OUR_COMMAND: "a command in this project",
+    OUR_COMMAND: "a command in this project over TCP",
     FRAMES: "a frame of 921,600 bytes over TCP, two publications, times raw TCP's frame",
     OUR_FRAMES: "the same in this project",
 }
@@ -99,13 +102,24 @@ def _follow(opened: zenoh.Session, expression: str, key: str, handle: Callable[[
     threading.Thread(target=read, daemon=True).start()
 
 
+def _unpacked(receive: Callable[[str, bytes, bytes], None]) -> Callable[[zenoh.Sample], None]:
+    """Pass on what a message consists of."""
+
+    def handle(sample: zenoh.Sample) -> None:
+        attachment = sample.attachment
+        envelope = b"" if attachment is None else attachment.to_bytes()
+        receive(str(sample.key_expr), envelope, sample.payload.to_bytes())
+
+    return handle
+
+
 def serve(step: str, port: int) -> None:
     """Answer the calls of one step until the standard input ends."""
     opened = _session(step, port, listens=True)
     answers = _publisher(opened, ANSWER)
     if step == LEAST:
         opened.declare_keyexpr(COMMAND_KEY)
-        _follow(opened, keys.call_keys(FLEET, ROBOT), CALL_KEY, LeastRobot(answers).receive)
+        _follow(opened, keys.call_keys(FLEET, ROBOT), CALL_KEY, _unpacked(LeastRobot(answers).receive))
         _stay()
     mailbox: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
 
@@ -157,7 +171,7 @@ class Caller:
         if step in READS:
             self._answers = _subscriber(self._opened, ANSWERS, ANSWER)
         else:
-            _follow(self._opened, ANSWERS, ANSWER, least.receive if step == LEAST else self._receive)
+            _follow(self._opened, ANSWERS, ANSWER, _unpacked(least.receive) if step == LEAST else self._receive)
         gets = {THREADS: self._wait, PACKED: self._call, LEAST: least.read}
         self.get = gets.get(step, self._read)
         self.command = least.command
@@ -224,10 +238,11 @@ def measure(rounds: int, calls: int) -> dict[str, list[float]]:
         steps[LEAST_COMMAND] = caller.command
         started("tests.benchmarks.network_host", "1", str(ports[OURS]))
         started("tests.benchmarks.network_host", "1", str(ports[OUR_FRAMES]))
-        lamp = stack.enter_context(Fleet(fleet_of(1, ports[OURS])))["bot1"]["Lamp"]
-        far = fleet_of(1, ports[OUR_FRAMES])
-        far = replace(far, network=replace(far.network, shared_memory=False))
-        eye = stack.enter_context(Fleet(far))["bot1"]["Eye"]
+        far = [fleet_of(1, ports[step]) for step in (OURS, OUR_FRAMES)]
+        far = [replace(fleet, network=replace(fleet.network, shared_memory=False)) for fleet in far]
+        lamp, eye = (
+            stack.enter_context(Fleet(it))["bot1"][name] for it, name in zip(far, ("Lamp", "Eye"), strict=True)
+        )
         steps[OURS] = lambda: lamp.get_value().get()
         steps[OUR_COMMAND] = lambda: lamp.send_cmd("on").get()
         steps[OUR_FRAMES] = lambda: eye.get_value().get()
@@ -247,7 +262,10 @@ def measure(rounds: int, calls: int) -> dict[str, list[float]]:
 
 def table(ratios: dict[str, list[float]]) -> str:
     """Return the steps in Markdown."""
-    lines = ["| a reading of 24 bytes, one caller | times raw TCP | best and worst round |", "|---|---|---|"]
+    lines = [
+        "| a reading of 24 bytes over the engine, one caller | times raw TCP | best and worst round |",
+        "|---|---|---|",
+    ]
     for step in STEPS:
         values = ratios[step]
         middle = statistics.median(values)
@@ -261,13 +279,19 @@ def main() -> None:
     parser.add_argument("--page", type=Path)
     parser.add_argument("--rounds", type=int, default=ROUNDS)
     parser.add_argument("--serve", nargs=2)
+    parser.add_argument("--serve-locally", nargs=3)
     options = parser.parse_args()
     share_threads()
+    if options.serve_locally:
+        robots, name, offer = options.serve_locally
+        local_floor.serve(int(robots), name, offer)
+        return
     if options.serve:
         serve(options.serve[0], int(options.serve[1]))
         return
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
-    publish(table(measure(options.rounds, CALLS)), options.page, BEGIN)
+    over_engine = table(measure(options.rounds, CALLS))
+    publish(f"{local_floor.table(options.rounds)}\n\n{over_engine}", options.page, BEGIN)
 
 
 if __name__ == "__main__":

@@ -12,16 +12,18 @@ from __future__ import annotations
 import itertools
 import math
 import queue
+import struct
 import threading
 from collections import OrderedDict, deque
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import msgpack
-import zenoh
 
 from eal_actors.device.data import EALData
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.wire.format.packing import data_from, data_header
+from eal_actors.wire.shared_memory import OwnedMemory, PeerMemory, SharedValue
+from tests.benchmarks.network_host import FRAME
 
 MOST, TIMEOUT_S, TTL_S, DEAD_MAN_S, DRIFT = 256, 5.0, 1.0, 2.0, 500e-6
 VERSION, ERA, CLIENT = 3, "0123abcd", bytes(16)
@@ -29,6 +31,15 @@ _READING: Final = [int, bytes, int, int, float, float, type(None), list, type(No
 _COMMAND: Final = [*_READING, str, float, float]
 _REPLIES: Final = [int, int, int, list, str, float], [int, int, int, int, str, float]
 STATUS, VALUE, ERROR = range(3)
+_PLACE: Final = struct.Struct("4Q")
+"""A SharedValue."""
+
+
+class Publisher(Protocol):
+    """Sends messages with one key."""
+
+    def put(self, payload: bytes, *, attachment: bytes) -> None:
+        """Send one."""
 
 
 class LeastRobot:
@@ -36,10 +47,11 @@ class LeastRobot:
 
     Args:
         answers: publishes the replies.
+        memory: takes the value, which is a frame then.
     """
 
-    def __init__(self, answers: zenoh.Publisher) -> None:
-        self._answers = answers
+    def __init__(self, answers: Publisher, memory: PeerMemory | None = None) -> None:
+        self._answers, self._memory = answers, memory
         self._lock, self._wakes, self._waits = threading.Lock(), threading.Lock(), False
         self._wakes.acquire()
         self._mailbox: deque[tuple[int, bytes, float, float, list[Any]]] = deque()
@@ -54,13 +66,11 @@ class LeastRobot:
         self._left: queue.SimpleQueue[tuple[bytes, bytes]] = queue.SimpleQueue()
         threading.Thread(target=self._work, daemon=True).start()
 
-    def receive(self, sample: zenoh.Sample) -> None:
+    def receive(self, key: str, envelope: bytes, payload: bytes) -> None:
         """Check a call and put it into the mailbox."""
-        key = str(sample.key_expr)
-        attachment = sample.attachment
-        row = msgpack.unpackb(b"" if attachment is None else attachment.to_bytes(), max_array_len=MOST, max_ext_len=0)
+        row = msgpack.unpackb(envelope, max_array_len=MOST, max_ext_len=0)
         kinds = list(map(type, row))
-        if kinds not in (_READING, _COMMAND) or sample.payload.to_bytes() or not key.endswith("0"):
+        if kinds not in (_READING, _COMMAND) or payload or not key.endswith("0"):
             raise ValueError(row)
         version, client, epoch, number, ttl_s, left_s, _, arguments, _, *stamp = row
         if version != VERSION or epoch < 0 or number < 0 or len(client) != len(CLIENT) or left_s <= 0:
@@ -126,7 +136,7 @@ class LeastRobot:
 
     def value(self) -> EALData:
         """Return the resource's value."""
-        return EALData.of(1.0, stamp_s=0.0)
+        return EALData.of(FRAME if self._memory is not None else 1.0, stamp_s=0.0)
 
     def command(self, text: str) -> int:
         """Carry out a command."""
@@ -137,7 +147,10 @@ class LeastRobot:
     def _reply(self, number: int, answer: EALData | int) -> None:
         if type(answer) is EALData:
             fields = VERSION, number, VALUE, data_header(answer), ERA, REAL_TIME.now()
-            self._send(msgpack.packb(fields), bytes(answer.payload))
+            if self._memory is not None and (place := self._memory.put(answer.payload)) is not None:
+                self._send(msgpack.packb(fields), _PLACE.pack(*place))
+            else:
+                self._send(msgpack.packb(fields), bytes(answer.payload))
         else:
             self._send(msgpack.packb((VERSION, number, STATUS, answer, ERA, REAL_TIME.now())), b"")
 
@@ -198,9 +211,11 @@ class LeastController:
     Args:
         readings: publishes readings.
         commands: publishes commands.
+        memory: where values of the size of a frame are.
     """
 
-    def __init__(self, readings: zenoh.Publisher, commands: zenoh.Publisher) -> None:
+    def __init__(self, readings: Publisher, commands: Publisher, memory: OwnedMemory | None = None) -> None:
+        self.memory = memory
         self._put = readings.put, commands.put
         self._numbers = itertools.count(1)
         self._lock, self._sending = threading.Lock(), threading.Lock()
@@ -211,13 +226,13 @@ class LeastController:
 
     def read(self) -> Any:
         """Return the value."""
-        return self._start([], is_command=False).get()
+        return self.start([], is_command=False).get()
 
     def command(self) -> Any:
         """Have the command carried out."""
-        return self._start(["on"], is_command=True).get()
+        return self.start(["on"], is_command=True).get()
 
-    def _start(self, arguments: list[str], *, is_command: bool) -> _Call:
+    def start(self, arguments: list[str], *, is_command: bool) -> _Call:
         call = _Call(REAL_TIME.now() + TIMEOUT_S)
         with self._lock:
             if len(self._unanswered) >= MOST:
@@ -235,12 +250,11 @@ class LeastController:
             self._put[is_command](b"", attachment=msgpack.packb(row))
         return call
 
-    def receive(self, sample: zenoh.Sample) -> None:
+    def receive(self, key: str, envelope: bytes, payload: bytes) -> None:
         """Settle the call that a reply belongs to."""
-        if not str(sample.key_expr).endswith("bot1"):
-            raise ValueError(sample.key_expr)
-        attachment = sample.attachment
-        row = msgpack.unpackb(b"" if attachment is None else attachment.to_bytes(), max_array_len=MOST, max_ext_len=0)
+        if "bot" not in key:
+            raise ValueError(key)
+        row = msgpack.unpackb(envelope, max_array_len=MOST, max_ext_len=0)
         if list(map(type, row)) not in _REPLIES or row[0] != VERSION:
             raise ValueError(row)
         _, number, kind, body, era, time_s = row
@@ -251,7 +265,10 @@ class LeastController:
             return
         answer: Any = body
         if kind == VALUE:
-            answer = data_from(body, sample.payload.to_bytes(), "answer")
+            content: Any = payload
+            if self.memory is not None and len(payload) == _PLACE.size:
+                content = self.memory.take(SharedValue(*_PLACE.unpack(payload)))
+            answer = data_from(body, content, "answer")
             if (stamp_s := answer.stamp_s) is not None:
                 answer.restamp(min(now_s, time_s - self.offset_s) - time_s + stamp_s)
         elif kind == ERROR:
