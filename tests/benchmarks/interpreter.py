@@ -18,6 +18,7 @@ import threading
 from collections import Counter
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 from typing import Any, Final
@@ -164,7 +165,10 @@ def compare() -> tuple[list[float], list[float], float, float]:
         port = free_port()
         host = Server(["-m", "tests.benchmarks.network_host", "1", str(port)])
         stack.callback(host.kill)
-        lamp = stack.enter_context(Fleet(fleet_of(1, port)))["bot1"]["Lamp"]
+        fleet = fleet_of(1, port)
+        lamp = stack.enter_context(Fleet(fleet))["bot1"]["Lamp"]
+        over_engine = replace(fleet, network=replace(fleet.network, shared_memory=False))
+        far = stack.enter_context(Fleet(over_engine))["bot1"]["Lamp"]
         least = Server(["-m", "tests.benchmarks.floor", "--serve", floor.LEAST, str(least_port := free_port())])
         stack.callback(least.kill)
         caller = floor.Caller(floor.LEAST, least_port)
@@ -173,7 +177,7 @@ def compare() -> tuple[list[float], list[float], float, float]:
         near_port = free_port()
         stack.enter_context(serving(1, near_port))
         near = stack.enter_context(Fleet(fleet_of(1, near_port)))["bot1"]["Lamp"]
-        ours = engine_us(lambda: lamp.get_value().get(), host.pid)
+        ours = engine_us(lambda: far.get_value().get(), host.pid)
         theirs = engine_us(caller.get, least.pid)
         two = 1e6 * statistics.median(timed(lambda: lamp.get_value().get()) for _ in range(5 * CALLS))
         one = 1e6 * statistics.median(timed(lambda: near.get_value().get()) for _ in range(5 * CALLS))
@@ -202,7 +206,7 @@ def table() -> str:
             *(f"{1000 * us / (n[0] + n[2]):.0f} ns" for us, n in zip(spent_us, counted, strict=True)),
         ],
         ["time of one in a loop (coding of messages)", f"{in_loop_ns:.0f} ns", ""],
-        ["the engine's threads that receive and send, a message", f"{rx:.0f} and {tx:.0f} µs", ""],
+        ["the engine's threads that receive and send, a message over TCP", f"{rx:.0f} and {tx:.0f} µs", ""],
         ["the same in the least program", f"{least_rx:.0f} and {least_tx:.0f} µs", ""],
         ["a reading, the ends in two processes", f"{two_us:.0f} µs", ""],
         ["a reading, both ends in one process", f"{one_us:.0f} µs", ""],
