@@ -47,8 +47,8 @@ _BUFFER_BYTES: Final = 208 * 1024
 """Buffer of a link, the most that Linux grants by default: several hundred calls."""
 _MOST_LINKS: Final = 16
 """Limit of the links of one robot's process; other controllers use the engine's."""
-_GREETING_S: Final = 0.5
-"""Real seconds within which each end must greet the other."""
+_GREETING_S: Final = 2.0
+"""Real seconds within which each end must greet the other; a busy machine may need one."""
 _STALLED_S: Final = 0.5
 """Real seconds after which a call that waits for a full buffer ends the link, as it does in the engine."""
 _CREDENTIALS: Final = "3i"

@@ -12,7 +12,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.robot_view import RobotState
 from eal_actors.facade.service import RobotService, serve_together
 from eal_actors.kernel.errors import ProtocolError
+from eal_actors.wire.format import keys
 from eal_actors.wire.local_link import LocalLink, dial
 from eal_actors.wire.rpc.client.controller import Controller
 from eal_actors.wire.security.certificates import make_authority, make_certificate
@@ -57,16 +59,16 @@ def names() -> set[str]:
 @pytest.fixture
 def sent(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Return the keys of the calls and replies that go over the engine from now on."""
-    keys: list[str] = []
+    noted: list[str] = []
     put = Transport.put
 
     def note(transport: Transport, key: str, *arguments: Any, **options: Any) -> bool:
         if "/Arm/" in key or "/Gauge/" in key or "/Eye/" in key:
-            keys.append(key)
+            noted.append(key)
         return put(transport, key, *arguments, **options)
 
     monkeypatch.setattr(Transport, "put", note)
-    return keys
+    return noted
 
 
 def test_calls_bypass_the_engine(rig: Rig, remote: RobotHandle, sent: list[str]) -> None:
@@ -121,6 +123,19 @@ def test_a_link_that_ends_alone_loses_no_call(rig: Rig, remote: RobotHandle, sen
     assert rig.never_twice()
 
 
+def test_a_token_that_is_reported_twice_keeps_the_link(remote: RobotHandle, sent: list[str]) -> None:
+    import zenoh
+
+    controller, link = controller_of(remote), links_of(remote)["r1"]
+    handshakes_s = controller.last_handshake_s
+    again = cast("zenoh.Sample", SimpleNamespace(kind=zenoh.SampleKind.PUT))
+    controller._on_liveliness(keys.alive_key(controller.fleet, "r1"), again)
+    assert eventually(lambda: controller.last_handshake_s > handshakes_s)
+    assert links_of(remote)["r1"] is link
+    assert remote["Arm"].send_cmd("step1").get(timeout=WAIT_S) == 1
+    assert not sent
+
+
 @contextmanager
 def through(wire: Wire, rig: Rig) -> Iterator[RobotHandle]:
     """Connect through a proxy to a robot that is served at its own port."""
@@ -150,11 +165,11 @@ def test_the_fleet_file_can_rule_it_out(tmp_path: Path, sent: list[str]) -> None
 
 
 def test_a_fleet_with_certificates_has_none(tmp_path: Path, sent: list[str]) -> None:
-    keys = tmp_path / "keys"
-    make_authority(keys, "f")
-    make_certificate(keys, "r1", ["127.0.0.1"])
-    make_certificate(keys, "controller")
-    security = {"keys": str(keys), "roles": {"controllers": ["controller"]}}
+    folder = tmp_path / "keys"
+    make_authority(folder, "f")
+    make_certificate(folder, "r1", ["127.0.0.1"])
+    make_certificate(folder, "controller")
+    security = {"keys": str(folder), "roles": {"controllers": ["controller"]}}
     rig = Rig(tmp_path, network={"security": security}, protocol="tls")
     with rig.served_here() as fleet:
         assert fleet["r1"]["Arm"].send_cmd("step1").get() == 1

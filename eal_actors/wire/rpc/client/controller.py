@@ -345,18 +345,18 @@ class Controller(EALActor):
             return
         with self._lock:
             listener = self._listeners.get(name)
+            was_alive = self._versions.get(name) == version
             if is_alive:
                 self._versions[name] = version
-            elif self._versions.get(name) == version:
+            elif was_alive:
                 del self._versions[name]
-            else:  # the robot was updated, and its old token disappears after the new one appeared
-                return
-        self.local.disconnect(name)
-        if listener is None:
+        if is_alive != was_alive:  # the engine may report a token twice
+            self.local.disconnect(name)
+        elif not is_alive:  # the robot was updated, and its old token disappears after the new one appeared
             return
-        if is_alive:
+        if listener is not None and is_alive:
             listener.on_alive(version)
-        else:
+        elif listener is not None:
             listener.on_gone("is unreachable")
 
     def _on_reply(self, robot: str, envelope: bytes, payload: bytes) -> None:

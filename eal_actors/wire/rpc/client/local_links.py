@@ -1,8 +1,8 @@
 """LocalLinks: a controller's links to the robots' processes on its own machine; see local_link.
 
-A robot has its link from the handshake on until its token appears or disappears, so that all its calls take one way and
-none overtakes another. When a link ends alone, the calls on it are lost like those of a broken link of the engine: the
-ones that change nothing are made again, and the robot is asked for the outcomes of the others.
+A robot has its link from the handshake on until its token changes, so that all its calls take one way and none
+overtakes another. When a link ends alone, the calls on it are lost like those of a broken link of the engine: the ones
+that change nothing are made again, and the robot is asked for the outcomes of the others.
 """
 
 from __future__ import annotations
@@ -66,6 +66,8 @@ class LocalLinks:
             if (link := self._processes[process]) is not None:
                 self._on_lost[robot] = on_lost
                 self.links[robot] = link
+            else:
+                self.disconnect(robot)
 
     def disconnect(self, robot: str) -> None:
         """Take a robot's link away, which others may still use."""

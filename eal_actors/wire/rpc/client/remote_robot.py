@@ -189,9 +189,10 @@ class RemoteRobot(EALActor):
             self._retry_handshake()
             return
         self._controller.last_handshake_s = REAL_TIME.now()
+        is_another = handshake.process != self._channel.process
         self._channel.rights, self._channel.process = handshake.rights, handshake.process
         self._channel.memory.reset()
-        if self.view.state is not RobotState.READY:  # else its calls already take one way, and keep to it
+        if is_another or self.view.state is not RobotState.READY:  # else its calls already take one way, and keep to it
             lose_all = self._channel.pending.lose_all
             self._controller.local.connect(self.spec.name, handshake.process, self.spec.address, lose_all)
         self.view.not_ready = dict(handshake.not_ready)
