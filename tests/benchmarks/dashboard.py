@@ -123,7 +123,7 @@ def run() -> list[Result | Skipped]:
         sync_playwright() as playwright,
     ):
         browser = playwright.chromium.launch(executable_path=program, args=list(FLAGS))
-        page = browser.new_page(viewport={"width": 1280, "height": 720})
+        page = browser.new_context(viewport={"width": 1280, "height": 720}).new_page()
         for view, what in VIEWS.items():
             page.goto(f"{dashboard.link}#/{view}")
             if view == "cameras":

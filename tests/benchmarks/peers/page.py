@@ -43,6 +43,8 @@ and ends every call at its deadline.
 - Bare zenoh uses its queries. In the column "floor", a call and its answer are one publication each, as in eal-actors,
   with declared publishers, channels and a caller that reads the channel itself: the least that a call through the
   engine takes. [The account of a call](network-account.md) tells what eal-actors adds.
+- All run on one machine. There, calls of eal-actors take a local link past the engine, which robots elsewhere do not
+  have: [its account](network-account.md) has both.
 - One of the hundred robots is a connection with raw TCP, Pyro5 and viam-sdk, and a name behind one connection with the
   others.
 - After the kill, the time starts when the new process listens. Raw TCP, Pyro5, xoscar and viam-sdk are retried every
