@@ -9,9 +9,9 @@ calls too where a dial fails, as it does between two machines or two users.
 - The socket's name is in Linux's abstract namespace, so there is no file: nothing is left of a process that is killed.
 - Such a name has no permissions. So each end asks the kernel for the user of the other one, and the name contains the
   random number of the robot's process, which comes with the handshake.
-- Through a proxy or a tunnel nothing is spared: the dialling end names the port of its link, and the other one must
-  have a link at that port.
-- A packet is in the buffer as a whole or not at all. So one that was not taken may go over the engine instead.
+- A proxy or a tunnel is not bypassed: the dialling end names the port of its link, and the other one must have a link
+  at that port.
+- The system takes a packet as a whole or not at all. So one that it refuses may go over the engine instead.
 - A call whose packet finds no room for a while ends the link, and calls take the engine from then on.
 - A fleet with certificates has no such links: there the engine checks who may call what.
 """
@@ -46,7 +46,7 @@ _MOST_BYTES: Final = 64 * 1024
 _BUFFER_BYTES: Final = 208 * 1024
 """Buffer of a link, the most that Linux grants by default: several hundred calls."""
 _MOST_LINKS: Final = 16
-"""Limit of the links of one robot's process; other controllers use the engine's."""
+"""Limit of the links of one robot's process; further controllers use the engine."""
 _GREETING_S: Final = 2.0
 """Real seconds within which each end must greet the other; a busy machine may need one."""
 _STALLED_S: Final = 0.5
