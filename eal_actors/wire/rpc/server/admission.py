@@ -148,7 +148,7 @@ class Admission:
                 if method in _CLAIMING:
                     self._leases.claim(header.client, resource, now_s)
             except EALError as error:
-                self._history.finish(stamp.call, error)
+                self._history.finish(stamp.call, _kept(error))
                 self._dead_man.heard(header.client, now_s)  # a refused command proves life too
                 raise
             if method in MOTION_METHODS:
@@ -175,8 +175,7 @@ class Admission:
                 self._history.finish(call, outcome)
             return
         if isinstance(outcome, EALError):
-            outcome = outcome.copy()  # without its traceback, which refers to the arguments of the call
-            outcome.message = outcome.message[:_MAX_MESSAGE]
+            outcome = _kept(outcome)
         with self._guard:
             self._history.finish(call, outcome)
             if isinstance(outcome, EALData) and outcome.length > _LARGE_BYTES:
@@ -237,6 +236,13 @@ class Admission:
         """Return the clients that hold leases, by resource."""
         with self._guard:
             return self._leases.holders(self._clock.now())
+
+
+def _kept(error: EALError) -> EALError:
+    """Return an error as it is kept: without its traceback, which refers to the arguments of the call."""
+    kept = error.copy()
+    kept.message = kept.message[:_MAX_MESSAGE]
+    return kept
 
 
 def _stamp_of(header: CallHeader) -> Stamp:
