@@ -11,7 +11,6 @@ A session must not be used on both sides of a fork: start processes with `spawn`
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -26,6 +25,7 @@ from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER, DEFAULT_NETWORK, NetworkConfig, parse_endpoint
 from eal_actors.wire.engine_exit import close_at_exit, start_thread
+from eal_actors.wire.engine_memory import limit_memory
 from eal_actors.wire.engine_threads import share_threads
 from eal_actors.wire.format.packing import MAX_ENVELOPE_BYTES, MAX_PAYLOAD_BYTES
 from eal_actors.wire.link_watch import Link, watching
@@ -70,18 +70,6 @@ _BATCHES: Final = 16
 """Batches of 64 kB of one priority that may wait for a link. With zenoh's default of two, the sender of an image sleeps
 between its pieces, and the image takes twice as long. Streams, which are dropped rather than queued, keep two."""
 _QUEUE: Final = {"size": {"data": _BATCHES}, "congestion_control": {"block": {"wait_before_close": _STALLED_US}}}
-_M_TRIM_THRESHOLD: Final = -1
-_M_MMAP_THRESHOLD: Final = -3
-_M_ARENA_MAX: Final = -8
-_ARENAS: Final = 2
-"""Heaps of glibc, which makes one for nearly each thread otherwise. A minute of messages of 900 MB took a robot from 82
-to 125 MB, once to 134 MB, and to 104 MB with this."""
-_LARGE_BYTES: Final = 2**20
-"""Size from which glibc returns a buffer to the system when it is freed. Its own size grows with the largest buffer
-freed. Eight refused messages of 900 MiB took a robot from 100 to 130 MB, and to 121 MB with this."""
-_KEPT_BYTES: Final = 4 * 2**20
-"""Free memory that each heap keeps. glibc's 128 kB, which stay if the size above is set, give the memory of each image
-back and take it again: 190 page faults, a quarter of the time of an image of 921,600 bytes over TCP."""
 _SOURCE_PLACE: Final = re.compile(r" at /\S+")
 """Position in zenoh's source, which its errors contain."""
 
@@ -267,13 +255,10 @@ def open_session(
         checked = zenoh.Config.from_json5(json.dumps(config))
     except zenoh.ZError as error:
         raise ProtocolError(f"zenoh does not take the configuration: {_reason(error)}") from error
-    if config["listen"]["endpoints"]:
+    is_listening = bool(config["listen"]["endpoints"])
+    limit_memory(is_listening=is_listening)
+    if is_listening:
         raise_file_limit()
-        with contextlib.suppress(AttributeError):  # another C library
-            library = ctypes.CDLL(None)
-            library.mallopt(_M_MMAP_THRESHOLD, _LARGE_BYTES)
-            library.mallopt(_M_TRIM_THRESHOLD, _KEPT_BYTES)
-            library.mallopt(_M_ARENA_MAX, _ARENAS)
     with ExitStack() as stack:
         session = _open(checked, config, timeout_s)
         stack.callback(_close, session, config)
