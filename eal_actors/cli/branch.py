@@ -71,8 +71,8 @@ def branch_run(
 
 def bisect_run(
     run: RunArgument,
-    good: Annotated[str, typer.Option(help="A version: a scenario file, or a git revision.", show_default=False)],
-    bad: Annotated[str, typer.Option(help="A later version.", show_default=False)],
+    good: Annotated[str, typer.Option(help="A version: a scenario file, or a git revision.")],
+    bad: Annotated[str, typer.Option(help="A later version.")],
     as_json: JsonOption = False,
 ) -> None:
     """Find the version of the scenario, or of the framework, at which the record of a run first differs.

@@ -18,7 +18,7 @@ from eal_actors.managers.plugins import EALPluginManager
 
 
 def bridge_fleet(
-    plugin: Annotated[str, typer.Argument(show_default=False, help="The plugin that brings the bridge, such as ros2.")],
+    plugin: Annotated[str, typer.Argument(help="The plugin that brings the bridge, such as ros2.")],
     fleet: FleetOption,
     setting: SettingOption = None,
 ) -> None:

@@ -133,8 +133,7 @@ def calibrate_robots(
     seed: SeedOption = None,
     fast: Annotated[bool, typer.Option("--fast", help="As fast as possible, if all robots are simulated.")] = False,
     ends: Annotated[
-        Path | None,
-        typer.Option(metavar="CSV", show_default=False, help="Do not drive: read the ends of squares from this file."),
+        Path | None, typer.Option(metavar="CSV", help="Do not drive: read the ends of squares from this file.")
     ] = None,
     wheelbase: Annotated[
         float | None,

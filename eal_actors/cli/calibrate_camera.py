@@ -32,13 +32,9 @@ app = calibrate_app
 
 @app.command("camera", cls=EalCommand)
 def calibrate_camera(
-    folder: Annotated[
-        Path | None, typer.Argument(metavar="FOLDER", show_default=False, help="Folder of pictures of the board.")
-    ] = None,
+    folder: Annotated[Path | None, typer.Argument(metavar="FOLDER", help="Folder of pictures of the board.")] = None,
     fleet: OptionalFleetOption = None,
-    robot: Annotated[
-        str | None, typer.Option("--robot", "-r", show_default=False, help="Take the pictures with this robot.")
-    ] = None,
+    robot: Annotated[str | None, typer.Option("--robot", "-r", help="Take the pictures with this robot.")] = None,
     resource: Annotated[str, typer.Option(help="Its camera.")] = "Camera",
     count: Annotated[int, typer.Option(min=8, max=200, help="Pictures to take, each of another view.")] = 25,
     timeout: Annotated[float, typer.Option(min=1, max=3600, help="Seconds in which to take them.")] = 300.0,

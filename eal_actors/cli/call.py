@@ -61,17 +61,11 @@ _HALT_S: Final = 0.5  # real seconds within which a resource halts unless its ac
 
 
 def call_method(
-    robot: Annotated[
-        str,
-        typer.Argument(metavar="ROBOT", help="Name of the robot.", show_default=False, autocompletion=complete_robots),
-    ],
+    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Name of the robot.", autocompletion=complete_robots)],
     resource: Annotated[
-        str,
-        typer.Argument(
-            metavar="RESOURCE", help="Name of the resource.", show_default=False, autocompletion=complete_resources
-        ),
+        str, typer.Argument(metavar="RESOURCE", help="Name of the resource.", autocompletion=complete_resources)
     ],
-    method: Annotated[str, typer.Argument(metavar="METHOD", help=f"One of {', '.join(_METHODS)}.", show_default=False)],
+    method: Annotated[str, typer.Argument(metavar="METHOD", help=f"One of {', '.join(_METHODS)}.")],
     fleet: FleetOption,
     arguments: Annotated[
         list[str] | None,

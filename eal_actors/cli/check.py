@@ -47,9 +47,7 @@ class FileCheck:
 
 
 def print_schema(
-    kind: Annotated[
-        Literal["fleet", "scenario", "world", "plugin"], typer.Argument(help="Kind of file.", show_default=False)
-    ],
+    kind: Annotated[Literal["fleet", "scenario", "world", "plugin"], typer.Argument(help="Kind of file.")],
 ) -> None:
     """Print the JSON Schema of a kind of file, for editors that complete and check it."""
     write_json(schema_of(kind))
@@ -67,9 +65,7 @@ def schema_of(kind: str) -> dict[str, Any]:
 
 
 def check_files(
-    files: Annotated[
-        list[Path], typer.Argument(metavar="FILE", help="Files, or names of bundled ones.", show_default=False)
-    ],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE", help="Files, or names of bundled ones.")],
     as_json: JsonOption = False,
 ) -> None:
     """Check fleet, scenario and world files, and print each problem as `file:line:column: path: message`.

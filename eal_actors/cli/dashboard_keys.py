@@ -41,7 +41,7 @@ def make_dashboard_certificate(
 
 @app.command("operator", cls=EalCommand)
 def make_operator(
-    name: Annotated[str, typer.Argument(metavar="NAME", show_default=False, help="Name of a person.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of a person.")],
     role: Annotated[
         OperatorRole,
         typer.Option(help="Each role includes those before it: see; stop and command; run scenarios; change settings."),

@@ -25,11 +25,7 @@ def examine(
     fleet: Annotated[
         Path | None,
         typer.Option(
-            "--fleet",
-            "-f",
-            envvar=FLEET_VARIABLE,
-            show_default=False,
-            help="The fleet file; without it, only the machine is checked.",
+            "--fleet", "-f", envvar=FLEET_VARIABLE, help="The fleet file; without it, only the machine is checked."
         ),
     ] = None,
     robots: RobotsArgument = None,

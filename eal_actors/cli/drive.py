@@ -18,8 +18,7 @@ from eal_actors.managers.missing_modules import needs_extra
 
 def drive_robots(
     robots: Annotated[
-        list[str],
-        typer.Argument(metavar="ROBOT...", show_default=False, help="Names of robots.", autocompletion=complete_robots),
+        list[str], typer.Argument(metavar="ROBOT...", help="Names of robots.", autocompletion=complete_robots)
     ],
     fleet: FleetOption,
     device: Annotated[

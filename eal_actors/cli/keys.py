@@ -58,8 +58,7 @@ network:
 
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace existing files.")]
 HostOption = Annotated[
-    list[str] | None,
-    typer.Option("--host", show_default=False, help="Additional host name or address of the certificate; repeatable."),
+    list[str] | None, typer.Option("--host", help="Additional host name or address of the certificate; repeatable.")
 ]
 ValidOption = Annotated[
     str | None,
@@ -114,7 +113,7 @@ def init_keys(
 
 @app.command("robot", cls=EalCommand)
 def robot_keys(
-    names: Annotated[list[str], typer.Argument(metavar="ROBOT...", show_default=False, help="Names of robots.")],
+    names: Annotated[list[str], typer.Argument(metavar="ROBOT...", help="Names of robots.")],
     fleet: FleetOption,
     host: HostOption = None,
     valid: ValidOption = None,
@@ -136,7 +135,7 @@ def robot_keys(
 
 @app.command("controller", cls=EalCommand)
 def controller_keys(
-    name: Annotated[str, typer.Argument(metavar="NAME", show_default=False, help="Name of a person or program.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of a person or program.")],
     fleet: FleetOption,
     observer: Annotated[bool, typer.Option("--observer", help="Allow only reading and requests.")] = False,
     valid: ValidOption = None,

@@ -40,10 +40,7 @@ app = keys_app
 def renew_keys(
     fleet: FleetOption,
     names: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="[NAME]...", show_default=False, help="Names; all that are about to expire if left out."
-        ),
+        list[str] | None, typer.Argument(metavar="[NAME]...", help="Names; all that are about to expire if left out.")
     ] = None,
     valid: ValidOption = None,
     directory: DirOption = None,
@@ -75,10 +72,7 @@ def renew_keys(
 def revoke_keys(
     fleet: FleetOption,
     names: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="[NAME]...", show_default=False, help="Names; the whole list is sent again if left out."
-        ),
+        list[str] | None, typer.Argument(metavar="[NAME]...", help="Names; the whole list is sent again if left out.")
     ] = None,
     directory: DirOption = None,
 ) -> None:

@@ -20,7 +20,6 @@ FoxgloveOption = Annotated[
     typer.Option(
         "--foxglove",
         metavar="[HOST:]PORT",
-        show_default=False,
         help="Serve a live view for Foxglove and Lichtblick; on loopback unless a host is given.",
     ),
 ]

@@ -46,24 +46,17 @@ def show_map(
         typer.Argument(
             metavar="WORLD|MAP|RUN",
             help="World file or the name of a bundled one, map file of map_server or Nav2, or the folder of a run.",
-            show_default=False,
         ),
     ],
     plan: Annotated[
         tuple[str, str] | None,
-        typer.Option(
-            metavar="FROM TO", show_default=False, help="Plan a path between places, or points such as 1.5,-2."
-        ),
+        typer.Option(metavar="FROM TO", help="Plan a path between places, or points such as 1.5,-2."),
     ] = None,
     radius_m: Annotated[
-        float | None,
-        typer.Option(
-            metavar="M", min=0, show_default=False, help="Radius of the robot, with its distance; default: 0.2."
-        ),
+        float | None, typer.Option(metavar="M", min=0, help="Radius of the robot, with its distance; default: 0.2.")
     ] = None,
     robot: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", show_default=False, help="Robot of --fleet: its own radius, and 5 cm."),
+        str | None, typer.Option(metavar="NAME", help="Robot of --fleet: its own radius, and 5 cm.")
     ] = None,
     fleet: OptionalFleetOption = None,
     resolution_m: Annotated[

@@ -97,9 +97,7 @@ def _serve_http(server: Any, port: int, console: Console) -> None:
 
 
 def approve_plan(
-    plan: Annotated[
-        str | None, typer.Argument(metavar="[HASH]", show_default=False, help="The hash of a plan, or its beginning.")
-    ] = None,
+    plan: Annotated[str | None, typer.Argument(metavar="[HASH]", help="The hash of a plan, or its beginning.")] = None,
     refuse: Annotated[bool, typer.Option("--refuse", help="Refuse the plan.")] = False,
     valid_min: Annotated[float, typer.Option(min=0.1, max=1440, help="Minutes within which it must start.")] = 15.0,
     runs_dir: _RunsDirOption = Path("runs"),

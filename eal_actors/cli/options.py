@@ -23,15 +23,11 @@ _FLEET: Any = typer.Option(
     "--fleet",
     "-f",
     envvar=FLEET_VARIABLE,
-    show_default=False,
     help="Fleet file, or the name of a bundled one.",
     autocompletion=complete_fleets,
 )
 _SCENARIO: Any = typer.Argument(
-    metavar="SCENARIO",
-    help="Scenario file, or the name of a bundled one.",
-    show_default=False,
-    autocompletion=complete_scenarios,
+    metavar="SCENARIO", help="Scenario file, or the name of a bundled one.", autocompletion=complete_scenarios
 )
 FleetOption: TypeAlias = Annotated[Path, _FLEET]
 ScenarioArgument: TypeAlias = Annotated[Path, _SCENARIO]
@@ -40,12 +36,7 @@ OptionalFleetOption: TypeAlias = Annotated[Path | None, _FLEET]
 OptionalScenarioArgument: TypeAlias = Annotated[Path | None, _SCENARIO]
 RobotsArgument = Annotated[
     list[str] | None,
-    typer.Argument(
-        metavar="[ROBOT]...",
-        show_default=False,
-        help="Names of robots; default: all robots.",
-        autocompletion=complete_robots,
-    ),
+    typer.Argument(metavar="[ROBOT]...", help="Names of robots; default: all robots.", autocompletion=complete_robots),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]
 SettingsOption: TypeAlias = Annotated[

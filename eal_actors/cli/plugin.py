@@ -36,9 +36,7 @@ _STYLES: Final = {"ok": ("ok", "green"), "failed": ("FAILED", "bold red"), "skip
 
 @app.command("list", cls=EalCommand)
 def list_plugins(
-    directories: Annotated[
-        list[Path] | None, typer.Option("--dir", show_default=False, help="Search this folder too; repeatable.")
-    ] = None,
+    directories: Annotated[list[Path] | None, typer.Option("--dir", help="Search this folder too; repeatable.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """List the plugins of the given folders, the bundled ones, and those of installed packages. None is imported."""
@@ -77,9 +75,7 @@ def _print_list(found: Sequence[dict[str, Any]]) -> None:
 
 @app.command("new", cls=EalCommand)
 def new_plugin(
-    name: Annotated[
-        str, typer.Argument(metavar="NAME", help="Lower-case letters, digits and '_'.", show_default=False)
-    ],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Lower-case letters, digits and '_'.")],
     directory: Annotated[Path, typer.Option("--dir", help="Parent of the plugin's folder.")] = Path("plugins"),
 ) -> None:
     """Write a working plugin with its test, as a start for your own."""
@@ -118,9 +114,7 @@ def write_plugin(name: str, directory: Path) -> Path:
 @app.command("check", cls=EalCommand)
 def check_plugin(
     context: typer.Context,
-    plugin: Annotated[
-        Path, typer.Argument(help="The plugin's folder, or the name of one that is installed.", show_default=False)
-    ],
+    plugin: Annotated[Path, typer.Argument(help="The plugin's folder, or the name of one that is installed.")],
     setting: SettingOption = None,
     as_json: JsonOption = False,
 ) -> None:

@@ -11,8 +11,7 @@ from eal_actors.kernel.errors import ConfigError
 from eal_actors.kernel.yaml_source import parse_yaml
 
 SettingOption: TypeAlias = Annotated[
-    list[str] | None,
-    typer.Option("--setting", metavar="KEY=VALUE", show_default=False, help="A setting, as YAML; repeatable."),
+    list[str] | None, typer.Option("--setting", metavar="KEY=VALUE", help="A setting, as YAML; repeatable.")
 ]
 
 

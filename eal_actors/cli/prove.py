@@ -33,13 +33,9 @@ _PAGE: Final = "proof.html"
 
 def prove_scenario(
     scenario: ScenarioArgument,
-    fleet: Annotated[
-        Path, typer.Argument(metavar="FLEET", help="Fleet file, or the name of a bundled one.", show_default=False)
-    ],
+    fleet: Annotated[Path, typer.Argument(metavar="FLEET", help="Fleet file, or the name of a bundled one.")],
     runs: Annotated[int, typer.Option(min=1, help="Largest number of runs; a fifth is for pairs of faults.")] = _RUNS,
-    fault: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="Only this fault; repeatable.", show_default=False)
-    ] = None,
+    fault: Annotated[list[str] | None, typer.Option(metavar="NAME", help="Only this fault; repeatable.")] = None,
     within: Annotated[
         float | None, typer.Option(min=0.1, help="Every run must end within this time, in seconds of its clock.")
     ] = None,

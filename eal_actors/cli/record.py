@@ -23,9 +23,7 @@ def record_fleet(
     fleet: FleetOption,
     robots: Annotated[
         list[str] | None,
-        typer.Argument(
-            metavar="[ROBOT...]", show_default=False, help="Only these robots.", autocompletion=complete_robots
-        ),
+        typer.Argument(metavar="[ROBOT...]", help="Only these robots.", autocompletion=complete_robots),
     ] = None,
     record: RecordOption = "sensors",
     duration_s: Annotated[

@@ -39,7 +39,7 @@ from eal_actors.recording.mcap_file import RECORD_FILE
 from eal_actors.recording.provenance import FLEET, kept_scenario
 from eal_actors.recording.recorded_run import RecordedRun
 
-RunArgument = Annotated[Path, typer.Argument(metavar="RUN", help="The run's folder.", show_default=False)]
+RunArgument = Annotated[Path, typer.Argument(metavar="RUN", help="The run's folder.")]
 
 _REPORT: Final = "report.html"
 _REPLAY: Final = "replay.yaml"
@@ -48,9 +48,7 @@ _MOST_SHOWN: Final = 20
 
 def report_run(
     run: RunArgument,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE", show_default=False, help="The page; default: RUN/report.html.")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="The page; default: RUN/report.html.")] = None,
     show: Annotated[bool, typer.Option("--show", help="Open the page in a browser.")] = False,
 ) -> None:
     """Write an HTML page about a run: paths, a time line of each robot, durations of calls, frames and errors.
@@ -67,12 +65,10 @@ def report_run(
 
 
 def diff_runs(
-    left: Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder.", show_default=False)],
-    right: Annotated[Path, typer.Argument(metavar="RUN", help="Another run's folder.", show_default=False)],
+    left: Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder.")],
+    right: Annotated[Path, typer.Argument(metavar="RUN", help="Another run's folder.")],
     tolerance: Annotated[float, typer.Option(min=0.0, help="Allowed difference of numbers, in their own units.")] = 0.0,
-    page: Annotated[
-        Path | None, typer.Option(metavar="FILE", show_default=False, help="Write an HTML page with both trails.")
-    ] = None,
+    page: Annotated[Path | None, typer.Option(metavar="FILE", help="Write an HTML page with both trails.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """List the differences between two runs: a summary, then those in events, poses and saved data.
@@ -134,9 +130,7 @@ def replay_run(
             help="Recorded seconds per real second; max is as fast as possible.",
         ),
     ] = None,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE", show_default=False, help="The fleet file; default: RUN/replay.yaml.")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="The fleet file; default: RUN/replay.yaml.")] = None,
     port: Annotated[int, typer.Option(min=1, max=65535, help="With --serve: port of the first robot.")] = 50000,
     show: Annotated[
         bool | None,

@@ -22,9 +22,7 @@ def _records() -> None:
 
 
 @app.command("repair", cls=EalCommand)
-def repair_runs(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", show_default=False, help="Folders of runs.")],
-) -> None:
+def repair_runs(runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")]) -> None:
     """Make the records of killed runs whole, so that every reader opens their run.mcap.
 
     The lost end of run.mcap is restored from events.jsonl and trajectory.csv, which lose nothing. A whole record stays

@@ -36,9 +36,7 @@ def rehearse_scenario(
             min=1, max=10_000, show_default=str(_SEEDS), help="Number of seeds, counted from the fleet file's."
         ),
     ] = None,
-    seed: Annotated[
-        list[int] | None, typer.Option(min=0, show_default=False, help="A seed, instead of --seeds; repeatable.")
-    ] = None,
+    seed: Annotated[list[int] | None, typer.Option(min=0, help="A seed, instead of --seeds; repeatable.")] = None,
     settings: SettingsOption = None,
     bindings: BindingsOption = None,
     keep: KeepOption = None,

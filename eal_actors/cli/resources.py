@@ -25,9 +25,7 @@ _NAMES_SHOWN = 4
 
 def list_resources(
     fleet: FleetOption,
-    robot: Annotated[
-        list[str] | None, typer.Option("--robot", "-r", show_default=False, help="Only this robot; repeatable.")
-    ] = None,
+    robot: Annotated[list[str] | None, typer.Option("--robot", "-r", help="Only this robot; repeatable.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Connect the robots and list their resources, with methods, commands, types, units and ranges.

@@ -32,14 +32,10 @@ def run_router(
         ),
     ] = None,
     connect: Annotated[
-        list[str] | None,
-        typer.Option(metavar="ENDPOINT", show_default=False, help="Endpoint of another router to join; repeatable."),
+        list[str] | None, typer.Option(metavar="ENDPOINT", help="Endpoint of another router to join; repeatable.")
     ] = None,
     fleet: Annotated[
-        Path | None,
-        typer.Option(
-            "--fleet", "-f", show_default=False, help="Fleet file whose network and security settings to use."
-        ),
+        Path | None, typer.Option("--fleet", "-f", help="Fleet file whose network and security settings to use.")
     ] = None,
     name: Annotated[str, typer.Option(help="Name of the router's certificate, for a fleet with security.")] = "router",
 ) -> None:

@@ -26,8 +26,7 @@ DryRunOption: TypeAlias = Annotated[
     bool, typer.Option("--dry-run", help="Check everything and print the plan; nothing moves.")
 ]
 ResumeOption: TypeAlias = Annotated[
-    Path | None,
-    typer.Option(metavar="RUN", help="Continue the run of this folder after its controller died.", show_default=False),
+    Path | None, typer.Option(metavar="RUN", help="Continue the run of this folder after its controller died.")
 ]
 EventsOption: TypeAlias = Annotated[
     str | None, typer.Option(metavar="FILE|-", help="Write the run's events as JSON lines; - is stdout.")
@@ -56,7 +55,6 @@ LookaheadOption: TypeAlias = Annotated[
         min=1,
         max=60,
         metavar="SECONDS",
-        show_default=False,
         help="Look so far ahead once a second: warn before contacts, low batteries and leaving the area.",
     ),
 ]

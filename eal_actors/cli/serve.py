@@ -28,7 +28,7 @@ from eal_actors.managers.network_model import IDENTITY_VARIABLE
 def serve_robot(
     context: typer.Context,
     fleet: FleetOption,
-    robot: Annotated[list[str], typer.Option("--robot", "-r", help="Name of a robot; repeatable.", show_default=False)],
+    robot: Annotated[list[str], typer.Option("--robot", "-r", help="Name of a robot; repeatable.")],
     metrics_port: MetricsPortOption = None,
     trace: TraceOption = None,
 ) -> None:

@@ -23,9 +23,7 @@ _STYLES = {"section": "dim", "role": "dim", "branch": "yellow", "on": "bold blue
 def show_scenario(
     scenario: ScenarioArgument,
     settings: SettingsOption = None,
-    svg: Annotated[
-        Path | None, typer.Option(metavar="FILE", show_default=False, help="Write the tree as a picture.")
-    ] = None,
+    svg: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the tree as a picture.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Show the steps of a scenario as a tree, with their lines in the file; no fleet is needed."""

@@ -27,9 +27,7 @@ _MUCH_DEG: Final = 5.0  # a larger closing error suggests a wrong field of view
 
 
 def stitch_frames(
-    folder: Annotated[
-        Path, typer.Argument(metavar="FOLDER|RUN", help="Folder of frames, or of a run.", show_default=False)
-    ],
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER|RUN", help="Folder of frames, or of a run.")],
     field_of_view: Annotated[
         float,
         typer.Option(metavar="DEG", min=10, max=150, help="Angle between a frame's left and right edges, in degrees."),
@@ -40,15 +38,11 @@ def stitch_frames(
             metavar="DEG",
             min=-180,
             max=180,
-            show_default=False,
             help="Turn of the camera to the right from each frame to the next, in degrees; negative for left.",
         ),
     ] = None,
     out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", show_default=False, help="The panorama, .png or .jpg; default: FOLDER/panorama.png."
-        ),
+        Path | None, typer.Option(metavar="FILE", help="The panorama, .png or .jpg; default: FOLDER/panorama.png.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:

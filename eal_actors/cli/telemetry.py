@@ -20,7 +20,6 @@ MetricsPortOption = Annotated[
         "--metrics-port",
         min=0,
         max=65535,
-        show_default=False,
         help="Serve Prometheus metrics at this port on loopback; 0 for any free port.",
     ),
 ]
@@ -30,7 +29,6 @@ TraceOption = Annotated[
         "--trace",
         metavar="URL|otlp|console",
         envvar="OTEL_TRACES_EXPORTER",
-        show_default=False,
         help="Send traces to an OpenTelemetry collector, to the collector of the OTEL_* variables, or to stderr.",
     ),
 ]

@@ -30,10 +30,9 @@ SquareOption = Annotated[
 
 @app.command("print", cls=EalCommand)
 def print_markers(
-    out: Annotated[Path, typer.Argument(metavar="FILE", show_default=False, help="File to write, .pdf or .svg.")],
+    out: Annotated[Path, typer.Argument(metavar="FILE", help="File to write, .pdf or .svg.")],
     ids: Annotated[
-        str | None,
-        typer.Option("--ids", metavar="LIST", show_default=False, help="Numbers of markers, such as 1-6,40."),
+        str | None, typer.Option("--ids", metavar="LIST", help="Numbers of markers, such as 1-6,40.")
     ] = None,
     family: Annotated[str, typer.Option(metavar="4x4_50|36h11", help="Family of the markers.")] = "4x4_50",
     size: Annotated[float, typer.Option(metavar="MM", min=5, max=1000, help="Side of the black square, in mm.")] = 120,

@@ -22,14 +22,9 @@ _ObjectRow = tuple[str, str, str, str, str]
 
 
 def show_world(
-    file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="World file, or the name of a bundled one.", show_default=False)
-    ],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="World file, or the name of a bundled one.")],
     save: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="PICTURE", show_default=False, help="Draw a plan into this .png, .svg or .pdf file instead."
-        ),
+        Path | None, typer.Option(metavar="PICTURE", help="Draw a plan into this .png, .svg or .pdf file instead.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
