@@ -1,39 +1,4 @@
-"""The errors of the framework.
-
-    EALError
-    ├── DataError               (ValueError)        no EALData can hold the value
-    ├── ConfigError             (ValueError)        a file is invalid; it carries every problem
-    ├── PluginError             (RuntimeError)      a plugin cannot be loaded, or does not provide what it names
-    ├── ResourceError
-    │   ├── ResourceNotFoundError (KeyError)        no resource of that name or id
-    │   ├── UnsupportedError    (NotImplementedError) the resource lacks that method
-    │   ├── ArgumentError       (ValueError)        unknown command, or an argument outside its type or range
-    │   ├── ReturnTypeError     (TypeError)         the resource returned an invalid type
-    │   ├── ResourceFaultError  (RuntimeError)      the resource's own code raised
-    │   ├── BlockedError        (RuntimeError)      the robot does not come nearer to its goal
-    │   ├── LocalizationError   (RuntimeError)      the robot's pose is too old or too uncertain to drive by
-    │   └── ResourceInUseError  (RuntimeError)      resources are still checked out
-    ├── CallError
-    │   ├── DeadlineError       (TimeoutError)      no answer before the call's deadline
-    │   ├── WaitTimeoutError    (TimeoutError)      the caller stopped waiting; the call continues
-    │   ├── BusyError           (RuntimeError)      the mailbox is full
-    │   ├── CallCancelledError  (CancelledError)    the caller cancelled the call
-    │   ├── PreemptedError      (RuntimeError)      a newer command or a halt replaced the command
-    │   ├── StaleCommandError   (RuntimeError)      a late or repeated command; it was not executed
-    │   ├── ResourceBusyError   (RuntimeError)      another controller holds the actuator
-    │   ├── StoppedError        (RuntimeError)      an emergency stop holds until it is resumed
-    │   └── UnavailableError    (ConnectionError)   the resource is restarting, stopped or gone
-    │       └── NotReadyError                       its device is absent; it is retried automatically
-    ├── RobotError
-    │   ├── RobotNotFoundError  (KeyError)          no robot of that name, tag or type
-    │   ├── RobotFailedError    (ConnectionError)   the robot gave up and was stopped safely
-    │   ├── AccessDeniedError   (PermissionError)   the robot does not grant this to this controller
-    │   ├── ProtocolError       (ConnectionError)   the other end speaks another version, or sends invalid data
-    │   └── RemoteError         (ConnectionError)   not possible through a network connection
-    ├── NavigationError
-    │   ├── PlaceNotFoundError  (KeyError)          the world has no place of that name
-    │   └── NoPathError         (RuntimeError)      no path leads to the goal, or none was found in time
-    └── ScenarioError           (RuntimeError)      a scenario cannot run on this fleet
+"""The errors of the framework; docs/reference/errors.md draws their tree.
 
 Every error has a stable `code`, its name on the wire and in records. Errors of a resource carry `robot` and
 `resource`, and show them in front of the message.
@@ -54,6 +19,11 @@ class EALError(Exception):
     """The root of the tree: catch it to catch every error of the framework."""
 
     code: ClassVar[str] = "error"
+
+    def __init_subclass__(cls, *, code: str | None = None) -> None:
+        super().__init_subclass__()
+        if code is not None:
+            cls.code = code
 
     def __init__(self, message: str = "", *, robot: str | None = None, resource: str | None = None) -> None:
         super().__init__(message)
@@ -78,10 +48,8 @@ class EALError(Exception):
         return f"{where}: {self.message}" if where else self.message
 
 
-class DataError(EALError, ValueError):
+class DataError(EALError, ValueError, code="data"):
     """No EALData can hold the value, length or modifier (Source: thesis B.1)."""
-
-    code = "data"
 
 
 def error_text(error: BaseException) -> str:
@@ -125,14 +93,12 @@ class Problem:
         return f"{place}: {self.path}: {self.message}" if self.path else f"{place}: {self.message}"
 
 
-class ConfigError(EALError, ValueError):
+class ConfigError(EALError, ValueError, code="config"):
     """A fleet, scenario, world or plugin file is invalid; all its problems at once.
 
     Attributes:
         problems: the problems, in the order of the file.
     """
-
-    code = "config"
 
     def __init__(self, problems: Iterable[Problem]) -> None:
         self.problems = tuple(sorted(problems))
@@ -163,187 +129,125 @@ def writing(file: object) -> Iterator[None]:
         raise unwritable_error(file, error) from error
 
 
-class PluginError(EALError, RuntimeError):
+class PluginError(EALError, RuntimeError, code="plugin"):
     """A plugin cannot be found or loaded, or does not provide what it names."""
 
-    code = "plugin"
 
-
-class ResourceError(EALError):
+class ResourceError(EALError, code="resource"):
     """An error of a single resource, or of a request to it."""
 
-    code = "resource"
 
-
-class ResourceNotFoundError(ResourceError, KeyError):
+class ResourceNotFoundError(ResourceError, KeyError, code="resource_not_found"):
     """No resource has that name or id."""
 
-    code = "resource_not_found"
 
-
-class UnsupportedError(ResourceError, NotImplementedError):
+class UnsupportedError(ResourceError, NotImplementedError, code="unsupported"):
     """The resource does not offer that method (Source: thesis §4.4.3)."""
 
-    code = "unsupported"
 
-
-class ArgumentError(ResourceError, ValueError):
+class ArgumentError(ResourceError, ValueError, code="argument"):
     """An unknown command, request or configuration key, or an argument outside its type or range."""
 
-    code = "argument"
 
-
-class ReturnTypeError(ResourceError, TypeError):
+class ReturnTypeError(ResourceError, TypeError, code="return_type"):
     """The resource returned a type other than its information declares."""
 
-    code = "return_type"
 
-
-class ResourceFaultError(ResourceError, RuntimeError):
+class ResourceFaultError(ResourceError, RuntimeError, code="resource_fault"):
     """The resource's own code raised; the original exception is the `__cause__`."""
 
-    code = "resource_fault"
 
-
-class BlockedError(ResourceError, RuntimeError):
+class BlockedError(ResourceError, RuntimeError, code="blocked"):
     """The robot was halted because it does not come nearer to its goal; the message says what is in the way."""
 
-    code = "blocked"
 
-
-class LocalizationError(ResourceError, RuntimeError):
+class LocalizationError(ResourceError, RuntimeError, code="localization"):
     """The robot was halted because its pose is unknown, too old or too uncertain to drive by."""
 
-    code = "localization"
 
-
-class ResourceInUseError(ResourceError, RuntimeError):
+class ResourceInUseError(ResourceError, RuntimeError, code="resource_in_use"):
     """Resources are still checked out at disconnect, or returned once too often (Source: thesis B.2.4)."""
 
-    code = "resource_in_use"
 
-
-class CallError(EALError):
+class CallError(EALError, code="call"):
     """A call that did not complete."""
 
-    code = "call"
 
-
-class DeadlineError(CallError, TimeoutError):
+class DeadlineError(CallError, TimeoutError, code="deadline"):
     """The call's deadline passed; what it had started was halted."""
 
-    code = "deadline"
 
-
-class WaitTimeoutError(CallError, TimeoutError):
+class WaitTimeoutError(CallError, TimeoutError, code="wait_timeout"):
     """The caller's own waiting time ended; the call itself continues."""
 
-    code = "wait_timeout"
 
-
-class BusyError(CallError, RuntimeError):
+class BusyError(CallError, RuntimeError, code="busy"):
     """The mailbox is full; nothing was queued."""
 
-    code = "busy"
 
-
-class CallCancelledError(CallError, concurrent.futures.CancelledError):
+class CallCancelledError(CallError, concurrent.futures.CancelledError, code="cancelled"):
     """The caller cancelled the call."""
 
-    code = "cancelled"
 
-
-class PreemptedError(CallError, RuntimeError):
+class PreemptedError(CallError, RuntimeError, code="preempted"):
     """A newer command, or a halt, replaced this command."""
 
-    code = "preempted"
 
-
-class StaleCommandError(CallError, RuntimeError):
+class StaleCommandError(CallError, RuntimeError, code="stale_command"):
     """The command arrived too late or a second time: the robot did not execute it."""
 
-    code = "stale_command"
 
-
-class ResourceBusyError(CallError, RuntimeError):
+class ResourceBusyError(CallError, RuntimeError, code="resource_busy"):
     """Another controller, named in the message, holds the actuator; nothing was executed."""
 
-    code = "resource_busy"
 
-
-class StoppedError(CallError, RuntimeError):
+class StoppedError(CallError, RuntimeError, code="stopped"):
     """An emergency stop holds the robot until `eal resume`; nothing was executed."""
 
-    code = "stopped"
 
-
-class UnavailableError(CallError, ConnectionError):
+class UnavailableError(CallError, ConnectionError, code="unavailable"):
     """The resource is restarting, stopped or gone: nothing was executed."""
 
-    code = "unavailable"
 
-
-class NotReadyError(UnavailableError):
+class NotReadyError(UnavailableError, code="not_ready"):
     """The device is absent, off or not connected: nothing was executed, and the connection is retried automatically."""
 
-    code = "not_ready"
 
-
-class RobotError(EALError):
+class RobotError(EALError, code="robot"):
     """An error of a whole robot."""
 
-    code = "robot"
 
-
-class RobotNotFoundError(RobotError, KeyError):
+class RobotNotFoundError(RobotError, KeyError, code="robot_not_found"):
     """The fleet has no robot of that name, tag or type."""
 
-    code = "robot_not_found"
 
-
-class RobotFailedError(RobotError, ConnectionError):
+class RobotFailedError(RobotError, ConnectionError, code="robot_failed"):
     """The robot could not start, or crashed too often: it was stopped safely."""
 
-    code = "robot_failed"
 
-
-class AccessDeniedError(RobotError, PermissionError):
+class AccessDeniedError(RobotError, PermissionError, code="access_denied"):
     """The robot does not grant this to this controller."""
 
-    code = "access_denied"
 
-
-class ProtocolError(RobotError, ConnectionError):
+class ProtocolError(RobotError, ConnectionError, code="protocol"):
     """The other end of a connection speaks another version of the protocol, or sends invalid data."""
 
-    code = "protocol"
 
-
-class RemoteError(RobotError, ConnectionError):
+class RemoteError(RobotError, ConnectionError, code="remote"):
     """The operation is not possible through a network connection (Source: thesis §4.5)."""
 
-    code = "remote"
 
-
-class NavigationError(EALError):
+class NavigationError(EALError, code="navigation"):
     """An error of a map, a path or a place."""
 
-    code = "navigation"
 
-
-class PlaceNotFoundError(NavigationError, KeyError):
+class PlaceNotFoundError(NavigationError, KeyError, code="place_not_found"):
     """The world has no place of that name."""
 
-    code = "place_not_found"
 
-
-class NoPathError(NavigationError, RuntimeError):
+class NoPathError(NavigationError, RuntimeError, code="no_path"):
     """No path leads from the start to the goal, or the planner reached its bound before it found one."""
 
-    code = "no_path"
 
-
-class ScenarioError(EALError, RuntimeError):
+class ScenarioError(EALError, RuntimeError, code="scenario"):
     """A scenario cannot run on this fleet, or was not started properly."""
-
-    code = "scenario"
