@@ -26,10 +26,9 @@ from tests.scenarios.running import ON, brief, run
 PACKAGE = Path(registry.__file__).parents[2]
 
 
-class NapStep(TimedStep):
+class NapStep(TimedStep, kind="nap_s"):
     """Sleep and keep the duration."""
 
-    kind = "nap_s"
     nap_s: Seconds
     """Seconds of the fleet's clock."""
     save_as: VariableName | None = None
@@ -129,8 +128,8 @@ def test_its_values_are_checked_on_the_robots(nap: type[Step], two: Fleet, tmp_p
 
 
 def test_a_kind_has_one_model(nap: type[Step]) -> None:
-    class OtherStep(TimedStep):
-        kind = "nap_s"
+    class OtherStep(TimedStep, kind="nap_s"):
+        pass
 
     with pytest.raises(ValueError, match="there is a step kind 'nap_s' already"):
         registry.register(OtherStep)

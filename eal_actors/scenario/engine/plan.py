@@ -79,14 +79,7 @@ def make_plan(
         *unfit,
         *unusable,
         *scenario.shared_robots(bound.roles),
-        *check_on_robots(
-            scenario,
-            bound.roles,
-            facts,
-            spares=bound.spares,
-            seed=fleet.config.seed,
-            world=fleet.config.world,
-        ),
+        *check_on_robots(scenario, bound, facts, seed=fleet.config.seed, world=fleet.config.world),
     ]:
         raise ConfigError(problems)
     live = {role: sum(robot not in lost for robot in names) for role, names in bound.roles.items()}

@@ -16,7 +16,7 @@ from eal_actors.device.info import METHODS, ResourceInfo, unknown_name
 from eal_actors.device.world import WorldModel
 from eal_actors.kernel.errors import EALError, PlaceNotFoundError, Problem
 from eal_actors.kernel.yaml_tree import YamlPath
-from eal_actors.scenario.language.binding import RobotFacts
+from eal_actors.scenario.language.binding import Binding, RobotFacts
 from eal_actors.scenario.language.expressions import (
     MAX_WORK,
     Expression,
@@ -27,7 +27,7 @@ from eal_actors.scenario.language.expressions import (
     expressions_in,
     render,
 )
-from eal_actors.scenario.language.scenario import Scenario, Step
+from eal_actors.scenario.language.scenario import RobotsByRole, Scenario, Step
 from eal_actors.scenario.language.static_values import MAX_COMBINATIONS, StaticValues, TooManyCombinationsError
 from eal_actors.scenario.language.values import Wanted, number_problem
 
@@ -76,7 +76,7 @@ class RobotScope:
     """
 
     scenario: Scenario
-    roles: Mapping[str, Sequence[str]]
+    roles: RobotsByRole
     values: StaticValues
     groups: tuple[tuple[str, ...], ...] = ()
     role: str = ""
@@ -89,47 +89,32 @@ class RobotScope:
 
 def check_on_robots(
     scenario: Scenario,
-    roles: Mapping[str, Sequence[str]],
+    bound: Binding,
     robots: Mapping[str, RobotFacts],
     *,
-    spares: Mapping[str, Sequence[str]] | None = None,
     seed: int = 0,
     world: WorldModel | None = None,
 ) -> list[Problem]:
     """Return what the robots cannot do: every call, with every value of every loop around it.
 
-    Values that arise only during the run are not checked.
-
-    Args:
-        scenario: a scenario without problems of its own.
-        roles: the robots of each role.
-        robots: their abilities; a robot without an entry is not checked.
-        spares: the robots that may replace one in each role.
-        seed: of the fleet.
-        world: of the fleet, with its places.
+    Values that arise only during the run are not checked, nor are robots without `RobotFacts`. The seed and the world
+    are those of the fleet.
     """
-    check = RobotCheck(robots, spares or {}, world)
-    everyone = {role: (*names, *(spares or {}).get(role, ())) for role, names in roles.items()}
+    check = RobotCheck(robots, bound, world)
+    everyone = {role: (*names, *bound.spares.get(role, ())) for role, names in bound.roles.items()}
     with check.budget.applied():
         check.visit_file(RobotScope(scenario, everyone, StaticValues({**scenario.parameters, "run": {"seed": seed}})))
     return check.problems()
 
 
 class RobotCheck:
-    """A walk through the steps with the robots that come to them.
+    """A walk through the steps with the robots that come to them."""
 
-    Args:
-        robots: the abilities of the robots, by name.
-        spares: the robots that may replace one in each role.
-    """
-
-    def __init__(
-        self, robots: Mapping[str, RobotFacts], spares: Mapping[str, Sequence[str]], world: WorldModel | None
-    ) -> None:
+    def __init__(self, robots: Mapping[str, RobotFacts], bound: Binding, world: WorldModel | None) -> None:
         self.budget = WorkBudget("the expressions of this scenario", MAX_WORK)
         self._robots = robots
         self._world = world
-        self._spares = {spare for names in spares.values() for spare in names}
+        self._spares = {spare for names in bound.spares.values() for spare in names}
         self._kinds = _number_kinds(robots)
         self._found: dict[tuple[int, YamlPath, str], tuple[Callable[[str], Problem], dict[str, None]]] = {}
         self._answers: dict[tuple[Any, ...], str | None] = {}

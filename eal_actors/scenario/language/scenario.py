@@ -30,6 +30,7 @@ _NUMBERS: Final[Mapping[str, Wanted]] = {wanted: wanted for wanted in get_args(W
 
 Keys: TypeAlias = tuple[str | int, ...]
 """The keys from a step to one of its values."""
+RobotsByRole: TypeAlias = Mapping[str, Sequence[str]]
 Show: TypeAlias = Callable[[object], str]
 """Returns a value for people, with the values of parameters inserted."""
 
@@ -38,7 +39,7 @@ class Step(StrictModel):
     """A step of a scenario.
 
     Attributes:
-        kind: the key that names the kind.
+        kind: the key that names the kind; a kind gives it as `class NapStep(Step, kind="nap_s")`.
         is_expectation: it checks the run, so that its failure is a result.
         moves_its_role: it moves all robots of a role by one call of each.
         holds: what its own fields hold that have to do with expressions; those of its bases are added.
@@ -54,6 +55,11 @@ class Step(StrictModel):
     lost_after_s: NonNegativeFloat | None = None
     """Time out of reach after which the step of a robot fails, in seconds of the fleet's clock; also for the steps
     inside; defaults to that of the block around it, or of the file."""
+
+    def __init_subclass__(cls, *, kind: str = "", **config: Any) -> None:
+        super().__init_subclass__(**config)
+        if kind:
+            cls.kind = kind
 
     def children(self) -> Sequence[tuple[Keys, tuple[Step, ...]]]:
         """Return the lists of steps inside the step, each with its keys."""
@@ -131,9 +137,7 @@ class Step(StrictModel):
         for keys, value in self.conditions():
             yield from locate_expressions(keys, value, is_bare=True)
 
-    def shared_robots(
-        self, scenario: Scenario, path: YamlPath, roles: Mapping[str, Sequence[str]]
-    ) -> Iterator[Problem]:
+    def shared_robots(self, scenario: Scenario, path: YamlPath, roles: RobotsByRole) -> Iterator[Problem]:
         """Yield a problem for each robot that two branches of a block would use at the same time."""
         for keys, steps in self.children():
             for index, step in enumerate(steps):
@@ -362,7 +366,7 @@ class Scenario:
         for index, step in enumerate(steps[first:], first):
             yield from step.roles_at_work(self, (*path, index))
 
-    def shared_robots(self, roles: Mapping[str, Sequence[str]]) -> Iterator[Problem]:
+    def shared_robots(self, roles: RobotsByRole) -> Iterator[Problem]:
         """Yield a problem for each robot that two branches of a block would use at the same time."""
         for key, steps in (("steps", self.file.steps), ("finally", self.file.finally_)):
             for index, step in enumerate(steps):

@@ -24,6 +24,10 @@ class RunEvent:
     kind: ClassVar[str] = "event"
     time_s: float
 
+    def __init_subclass__(cls, *, kind: str = "") -> None:
+        if kind:  # `slots` makes each class a second time, without it
+            cls.kind = kind
+
     def to_dict(self) -> dict[str, Any]:
         """Return plain dicts, lists, strings and numbers, with the kind under `event`."""
         return {"event": self.kind, **{field.name: _to_json(getattr(self, field.name)) for field in fields(self)}}
@@ -40,7 +44,7 @@ def _to_json(value: Any) -> Any:
 
 
 @dataclass(frozen=True, slots=True)
-class RunStarted(RunEvent):
+class RunStarted(RunEvent, kind="run_started"):
     """The run has begun.
 
     Attributes:
@@ -54,7 +58,6 @@ class RunStarted(RunEvent):
         calls: number of calls if nothing fails, as far as it is known before the run.
     """
 
-    kind = "run_started"
     scenario: str
     scenario_file: str
     scenario_hash: str
@@ -70,7 +73,7 @@ class RunStarted(RunEvent):
 
 
 @dataclass(frozen=True, slots=True)
-class RunContinued(RunEvent):
+class RunContinued(RunEvent, kind="run_continued"):
     """An interrupted run was resumed.
 
     Attributes:
@@ -79,7 +82,6 @@ class RunContinued(RunEvent):
         scenario, fleet, robots, calls: as in RunStarted.
     """
 
-    kind = "run_continued"
     first_step: int
     wall_continued: str
     scenario: str
@@ -89,7 +91,7 @@ class RunContinued(RunEvent):
 
 
 @dataclass(frozen=True, slots=True)
-class Checkpoint(RunEvent):
+class Checkpoint(RunEvent, kind="checkpoint"):
     """A step of the top level has ended; the state of the run after it.
 
     Attributes:
@@ -100,7 +102,6 @@ class Checkpoint(RunEvent):
         unsaved: variables whose values have no form in the record.
     """
 
-    kind = "checkpoint"
     next_step: int
     variables: Mapping[str, Any]
     seats: Mapping[str, tuple[Mapping[str, Any], ...]]
@@ -109,7 +110,7 @@ class Checkpoint(RunEvent):
 
 
 @dataclass(frozen=True, slots=True)
-class StepStarted(RunEvent):
+class StepStarted(RunEvent, kind="step_started"):
     """A step has begun. Blocks and instant steps have no events.
 
     Attributes:
@@ -120,7 +121,6 @@ class StepStarted(RunEvent):
         command: the text argument of a call.
     """
 
-    kind = "step_started"
     robot: str | None
     step: str
     label: str
@@ -132,7 +132,7 @@ class StepStarted(RunEvent):
 
 
 @dataclass(frozen=True, slots=True)
-class StepRetried(RunEvent):
+class StepRetried(RunEvent, kind="step_retried"):
     """An attempt at a step has failed, and another follows after the back-off.
 
     Attributes:
@@ -141,7 +141,6 @@ class StepRetried(RunEvent):
         attempt: number of the attempt that failed, from 1.
     """
 
-    kind = "step_retried"
     robot: str | None
     step: str
     label: str
@@ -150,7 +149,7 @@ class StepRetried(RunEvent):
 
 
 @dataclass(frozen=True, slots=True)
-class StepEnded(RunEvent):
+class StepEnded(RunEvent, kind="step_ended"):
     """A step has ended.
 
     Attributes:
@@ -159,7 +158,6 @@ class StepEnded(RunEvent):
         variables: those that the step has assigned, for a resumed run.
     """
 
-    kind = "step_ended"
     record: StepRecord
     answer: object = None
     variables: Mapping[str, object] = field(default_factory=dict)
@@ -178,7 +176,7 @@ class StepEnded(RunEvent):
 
 
 @dataclass(frozen=True, slots=True)
-class Readings(RunEvent):
+class Readings(RunEvent, kind="readings"):
     """Values were read for a condition, a loop or a variable; a resumed run takes the same way.
 
     Attributes:
@@ -186,29 +184,26 @@ class Readings(RunEvent):
         values: by the text of the reading.
     """
 
-    kind = "readings"
     robot: str
     step: str
     values: Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
-class StartedTogether(RunEvent):
+class StartedTogether(RunEvent, kind="started_together"):
     """All robots of a synchronized start have ended the step."""
 
-    kind = "started_together"
     start: StartReport
 
 
 @dataclass(frozen=True, slots=True)
-class Signalled(RunEvent):
+class Signalled(RunEvent, kind="signal"):
     """A signal was given.
 
     Attributes:
         robot: the robot that gave it; None outside of `on`.
     """
 
-    kind = "signal"
     robot: str | None
     name: str
     count: int
@@ -216,16 +211,15 @@ class Signalled(RunEvent):
 
 
 @dataclass(frozen=True, slots=True)
-class RobotDropped(RunEvent):
+class RobotDropped(RunEvent, kind="robot_dropped"):
     """The run continues without a robot."""
 
-    kind = "robot_dropped"
     robot: str
     error: ErrorReport
 
 
 @dataclass(frozen=True, slots=True)
-class RobotReplaced(RunEvent):
+class RobotReplaced(RunEvent, kind="robot_replaced"):
     """A spare has replaced a robot.
 
     Attributes:
@@ -233,7 +227,6 @@ class RobotReplaced(RunEvent):
         by: the spare.
     """
 
-    kind = "robot_replaced"
     robot: str
     by: str
     role: str
@@ -241,56 +234,50 @@ class RobotReplaced(RunEvent):
 
 
 @dataclass(frozen=True, slots=True)
-class RobotLost(RunEvent):
+class RobotLost(RunEvent, kind="robot_lost"):
     """A robot is out of reach."""
 
-    kind = "robot_lost"
     robot: str
     error: ErrorReport
 
 
 @dataclass(frozen=True, slots=True)
-class RobotReturned(RunEvent):
+class RobotReturned(RunEvent, kind="robot_returned"):
     """A lost robot is back."""
 
-    kind = "robot_returned"
     robot: str
 
 
 @dataclass(frozen=True, slots=True)
-class LogLine(RunEvent):
+class LogLine(RunEvent, kind="log"):
     """A line of text for those who watch the run.
 
     Attributes:
         robot: the robot that performs the step; None outside of `on`.
     """
 
-    kind = "log"
     robot: str | None
     text: str
 
 
 @dataclass(frozen=True, slots=True)
-class RunPaused(RunEvent):
+class RunPaused(RunEvent, kind="run_paused"):
     """The run is paused: no step begins; those under way continue."""
-
-    kind = "run_paused"
 
 
 @dataclass(frozen=True, slots=True)
-class RunResumed(RunEvent):
+class RunResumed(RunEvent, kind="run_resumed"):
     """The run continues after a pause.
 
     Attributes:
         is_single_step: each robot may begin one step, and then the run is paused again.
     """
 
-    kind = "run_resumed"
     is_single_step: bool
 
 
 @dataclass(frozen=True, slots=True)
-class RunEnded(RunEvent):
+class RunEnded(RunEvent, kind="run_ended"):
     """The run has ended, and all actuators were halted.
 
     Attributes:
@@ -298,7 +285,6 @@ class RunEnded(RunEvent):
             own, and the wall time, so that the events of a run that repeats are the same.
     """
 
-    kind = "run_ended"
     report: Report
 
     @override

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 from eal_actors.kernel.yaml_tree import YamlPath, format_path
 from eal_actors.scenario.language.scenario import Scenario, Step
@@ -35,6 +35,10 @@ class TimelineEntry:
     def to_dict(self) -> dict[str, Any]:
         """Return plain dicts, lists, strings and numbers."""
         return asdict(self)
+
+
+StepTimeline: TypeAlias = tuple[tuple[str, ...], tuple[TimelineEntry, ...]]
+"""The robots of a step's entry, and the entries inside it."""
 
 
 @dataclass(frozen=True, slots=True)

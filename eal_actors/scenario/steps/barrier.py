@@ -16,10 +16,9 @@ from eal_actors.scenario.language.scope import Scope, ScopeCheck
 from eal_actors.scenario.steps.base import WaitingStep
 
 
-class BarrierStep(WaitingStep):
+class BarrierStep(WaitingStep, kind="barrier"):
     """Wait for all robots and branches that have a barrier of this name."""
 
-    kind = "barrier"
     meets_again = True
     barrier: Name
 

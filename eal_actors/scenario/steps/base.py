@@ -34,7 +34,7 @@ from eal_actors.scenario.language.values import (
     final_action,
 )
 from eal_actors.scenario.language.wording import short_number
-from eal_actors.scenario.report.timeline import TimelineBuilder, TimelineEntry
+from eal_actors.scenario.report.timeline import StepTimeline, TimelineBuilder
 
 
 class StepKind(Step):
@@ -93,18 +93,9 @@ class StepKind(Step):
         return here
 
     @override
-    def timeline(
-        self, builder: TimelineBuilder, path: YamlPath, robots: tuple[str, ...]
-    ) -> tuple[tuple[str, ...], tuple[TimelineEntry, ...]]:
+    def timeline(self, builder: TimelineBuilder, path: YamlPath, robots: tuple[str, ...]) -> StepTimeline:
         """Return the robots of the step's timeline entry, and the entries inside it."""
         return robots, builder.children(self, path, robots)
-
-    # Execution.
-
-    @override
-    def perform(self, run: RunContext, context: ExecutionContext, path: str) -> Coroutine:
-        """Perform the step for the robot of a context, or for none outside of `on`. Thread: the run's own."""
-        raise NotImplementedError
 
 
 class FallibleStep(FallibleModel, StepKind):

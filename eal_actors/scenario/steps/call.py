@@ -61,17 +61,17 @@ class CallStep(TimedStep):
     @property
     def is_together(self) -> bool:
         """Whether all robots of the `on` begin it at the same time."""
-        return False
+        return bool(getattr(self, "together", False))
 
     @property
     def answer_file(self) -> str | None:
         """The file for the answer, in the robot's folder."""
-        return None
+        return getattr(self, "save", None)
 
     @property
     def answer_variable(self) -> str | None:
         """The variable for the answer."""
-        return None
+        return getattr(self, "save_as", None)
 
     def fields(self) -> dict[str, Any]:
         """Return the method's arguments without the resource, by the API's names and in its order."""
@@ -233,11 +233,6 @@ class StartStep(CallStep):
     together: bool = False
     """All robots of the `on` meet, and begin it at the same time."""
 
-    @property
-    @override
-    def is_together(self) -> bool:
-        return self.together
-
 
 class AnswerStep(CallStep):
     """A call that is answered with a value."""
@@ -246,16 +241,6 @@ class AnswerStep(CallStep):
     """Variable for the answer, for the later steps of the same role."""
     save: Text | None = None
     """File for the answer, in the robot's folder of the run directory; its suffix sets the format."""
-
-    @property
-    @override
-    def answer_file(self) -> str | None:
-        return self.save
-
-    @property
-    @override
-    def answer_variable(self) -> str | None:
-        return self.save_as
 
 
 def _taker(method: str, info: ResourceInfo, given: Mapping[str, Any]) -> ValueInfo | None:

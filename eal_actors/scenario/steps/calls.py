@@ -57,71 +57,61 @@ class ConfigArguments(KeyArguments):
     value: Value | None = None
 
 
-class GetStatus(CallStep):
+class GetStatus(CallStep, kind="get_status"):
     """Ask for the status."""
 
-    kind = "get_status"
     get_status: ResourceArguments
 
 
-class GetValue(AnswerStep):
+class GetValue(AnswerStep, kind="get_value"):
     """Ask for the value."""
 
-    kind = "get_value"
     get_value: ResourceArguments
 
 
-class SetValue(StartStep):
+class SetValue(StartStep, kind="set_value"):
     """Set the value."""
 
-    kind = "set_value"
     set_value: ValueArguments
 
 
-class SendReq(AnswerStep):
+class SendReq(AnswerStep, kind="send_req"):
     """Send a request."""
 
-    kind = "send_req"
     send_req: RequestArguments
 
 
-class SendCmd(StartStep):
+class SendCmd(StartStep, kind="send_cmd"):
     """Send a command; the step is over when the command is."""
 
-    kind = "send_cmd"
     send_cmd: CommandArguments
 
 
-class ReadComm(AnswerStep):
+class ReadComm(AnswerStep, kind="read_comm"):
     """Read bytes."""
 
-    kind = "read_comm"
     read_comm: ReadArguments
 
 
-class WriteComm(CallStep):
+class WriteComm(CallStep, kind="write_comm"):
     """Write bytes."""
 
-    kind = "write_comm"
     write_comm: WriteArguments
 
 
-class GetConfig(AnswerStep):
+class GetConfig(AnswerStep, kind="get_config"):
     """Ask for a configuration value."""
 
-    kind = "get_config"
     get_config: KeyArguments
 
 
-class SetConfig(CallStep):
+class SetConfig(CallStep, kind="set_config"):
     """Set a configuration value."""
 
-    kind = "set_config"
     set_config: ConfigArguments
 
 
-class Halt(CallStep):
+class Halt(CallStep, kind="halt"):
     """Stop what moves, at once."""
 
-    kind = "halt"
     halt: ResourceArguments

@@ -29,10 +29,9 @@ from eal_actors.scenario.language.wording import describe_names, short_value
 from eal_actors.scenario.steps.base import FallibleStep
 
 
-class ExpectStep(FallibleStep):
+class ExpectStep(FallibleStep, kind="expect"):
     """Fail unless an expression is true, or has a value."""
 
-    kind = "expect"
     is_expectation = True
     holds: ClassVar[Mapping[str, Held]] = {"expect": "condition", "equals": "condition", "says": "template"}
     expect: ExpressionText

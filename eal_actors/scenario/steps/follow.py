@@ -21,10 +21,9 @@ class PathArguments(BaseArguments):
     """The waypoints, each [x, y]."""
 
 
-class FollowStep(MapStep):
+class FollowStep(MapStep, kind="follow"):
     """Drive along waypoints in the map frame; the step is over at rest at the last one."""
 
-    kind = "follow"
     follow: PathArguments
 
     @override

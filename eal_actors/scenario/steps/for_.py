@@ -46,10 +46,9 @@ LoopValues = Annotated[
 ]
 
 
-class ForStep(LoopStep):
+class ForStep(LoopStep, kind="for"):
     """Perform steps once for each value of a list."""
 
-    kind = "for"
     for_: Annotated[dict[VariableName, LoopValues], BeforeValidator(_refuse_other_than_one)] = Field(
         alias="for", json_schema_extra={**NAMES_ONLY, "minProperties": 1, "maxProperties": 1}
     )

@@ -20,7 +20,7 @@ from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
 from eal_actors.scenario.language.scenario import Keys, Scenario, Show
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
 from eal_actors.scenario.language.values import Text, Value
-from eal_actors.scenario.report.timeline import TimelineBuilder, TimelineEntry
+from eal_actors.scenario.report.timeline import StepTimeline, TimelineBuilder
 from eal_actors.scenario.steps.base import TimedStep
 from eal_actors.scenario.steps.places import check_driving, known_places, number_of, place_of
 
@@ -38,10 +38,9 @@ class FormationArguments(StrictModel):
     place's heading."""
 
 
-class FormationStep(TimedStep):
+class FormationStep(TimedStep, kind="formation"):
     """Let the robots of a role take up the places of a shape, all together and without collisions."""
 
-    kind = "formation"
     moves_its_role = True
     formation: FormationArguments
 
@@ -99,9 +98,7 @@ class FormationStep(TimedStep):
         return f"formation {self.formation.role} {self.formation.shape}"
 
     @override
-    def timeline(
-        self, builder: TimelineBuilder, path: YamlPath, robots: tuple[str, ...]
-    ) -> tuple[tuple[str, ...], tuple[TimelineEntry, ...]]:
+    def timeline(self, builder: TimelineBuilder, path: YamlPath, robots: tuple[str, ...]) -> StepTimeline:
         return tuple(builder.roles[self.formation.role]), ()
 
     @override

@@ -87,10 +87,9 @@ class MapStep(StartStep):
         return " ".join([self.kind, resource, *(f"{number:.3f}" for number in numbers)])
 
 
-class GoToStep(MapStep):
+class GoToStep(MapStep, kind="go_to"):
     """Drive to a place in the map frame; the step is over at rest there."""
 
-    kind = "go_to"
     go_to: Annotated[
         Annotated[PositionArguments, Tag("position")]
         | Annotated[PlaceArguments, Tag("place")]

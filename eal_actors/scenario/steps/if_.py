@@ -23,10 +23,9 @@ from eal_actors.scenario.language.values import ExpressionText, Held
 from eal_actors.scenario.steps.base import BlockStep
 
 
-class IfStep(BlockStep):
+class IfStep(BlockStep, kind="if"):
     """Perform steps if an expression is true, and others if it is not."""
 
-    kind = "if"
     holds: ClassVar[Mapping[str, Held]] = {"if_": "condition"}
     if_: ExpressionText = Field(alias="if")
     """An expression, without `${}`."""

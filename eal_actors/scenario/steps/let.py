@@ -22,10 +22,9 @@ _NAMED: Final[dict[str, Any]] = {**NAMES_ONLY, "minProperties": 1}
 Named = Annotated[dict[VariableName, Value], not_empty(dict, "name"), Field(json_schema_extra=_NAMED)]
 
 
-class LetStep(FallibleStep):
+class LetStep(FallibleStep, kind="let"):
     """Assign variables: the robot's own inside an `on`, those of the run outside."""
 
-    kind = "let"
     is_instant = True
     let: Named
     """Name to an expression, without `${}`; a list holds expressions. A text needs quotes of its own."""

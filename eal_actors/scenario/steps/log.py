@@ -15,10 +15,9 @@ from eal_actors.scenario.language.values import Held, Text
 from eal_actors.scenario.steps.base import FallibleStep
 
 
-class LogStep(FallibleStep):
+class LogStep(FallibleStep, kind="log"):
     """Send a line of text to those who watch the run."""
 
-    kind = "log"
     is_instant = True
     holds: ClassVar[Mapping[str, Held]] = {"log": "template"}
     log: Text

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -18,18 +18,17 @@ from eal_actors.scenario.engine.frames import ExecutionContext, StepTask
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.engine.synchronization import find_meetings
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
-from eal_actors.scenario.language.scenario import Keys, Scenario, Show, Steps
+from eal_actors.scenario.language.scenario import Keys, RobotsByRole, Scenario, Show, Steps
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
 from eal_actors.scenario.language.values import Text
 from eal_actors.scenario.language.wording import until_words
-from eal_actors.scenario.report.timeline import TimelineBuilder, TimelineEntry
+from eal_actors.scenario.report.timeline import StepTimeline, TimelineBuilder
 from eal_actors.scenario.steps.base import BlockStep
 
 
-class OnStep(BlockStep):
+class OnStep(BlockStep, kind="on"):
     """Perform steps with every robot of a role, or one robot, all at the same time, until the last has finished."""
 
-    kind = "on"
     on: Name
     """The role, or the name of a robot."""
     do: Steps
@@ -70,9 +69,7 @@ class OnStep(BlockStep):
         return check.enter(self.on, here)
 
     @override
-    def shared_robots(
-        self, scenario: Scenario, path: YamlPath, roles: Mapping[str, Sequence[str]]
-    ) -> Iterator[Problem]:
+    def shared_robots(self, scenario: Scenario, path: YamlPath, roles: RobotsByRole) -> Iterator[Problem]:
         return iter(())
 
     @override
@@ -80,9 +77,7 @@ class OnStep(BlockStep):
         return f"on {self.on}" + until_words(self.until)
 
     @override
-    def timeline(
-        self, builder: TimelineBuilder, path: YamlPath, robots: tuple[str, ...]
-    ) -> tuple[tuple[str, ...], tuple[TimelineEntry, ...]]:
+    def timeline(self, builder: TimelineBuilder, path: YamlPath, robots: tuple[str, ...]) -> StepTimeline:
         robots = tuple(builder.roles[self.on])
         return robots, builder.children(self, path, robots)
 

@@ -17,7 +17,7 @@ from eal_actors.scenario.engine.executor import StepGroup, perform_steps
 from eal_actors.scenario.engine.frames import ExecutionContext, StepTask
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.engine.synchronization import find_meetings
-from eal_actors.scenario.language.scenario import Keys, Scenario, Show, Step, Steps
+from eal_actors.scenario.language.scenario import Keys, RobotsByRole, Scenario, Show, Step, Steps
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
 from eal_actors.scenario.language.values import MIN_ITEMS, NOT_EMPTY, Text, not_empty
 from eal_actors.scenario.language.wording import until_words
@@ -35,10 +35,9 @@ Branches: TypeAlias = Annotated[
 ]
 
 
-class ParallelStep(BlockStep):
+class ParallelStep(BlockStep, kind="parallel"):
     """Perform several branches at the same time."""
 
-    kind = "parallel"
     parallel: Branches
     """Lists of steps, or names to lists of steps."""
     until: Text = "all"
@@ -73,9 +72,7 @@ class ParallelStep(BlockStep):
         return replace(scope.inside(), is_beside=True)
 
     @override
-    def shared_robots(
-        self, scenario: Scenario, path: YamlPath, roles: Mapping[str, Sequence[str]]
-    ) -> Iterator[Problem]:
+    def shared_robots(self, scenario: Scenario, path: YamlPath, roles: RobotsByRole) -> Iterator[Problem]:
         taken: dict[str, tuple[str, str]] = {}
         found: dict[tuple[YamlPath, str], None] = {}
         for keys, role in self._roles_by_branch(scenario, path):

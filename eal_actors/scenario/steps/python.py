@@ -62,10 +62,9 @@ class StepContext:
     keeps_files: bool = True
 
 
-class PythonStep(TimedStep):
+class PythonStep(TimedStep, kind="python"):
     """Run a function of Python in a thread of its own."""
 
-    kind = "python"
     holds: ClassVar[Mapping[str, Held]] = {"save_as": "variable"}
     python: Text
     """An entry point of the group `eal_actors.steps`, or `module:function` if the fleet file allows it."""

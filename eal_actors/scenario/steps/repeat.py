@@ -21,10 +21,9 @@ from eal_actors.scenario.language.values import INDEX, Held, Repeats
 from eal_actors.scenario.steps.loop import LoopStep
 
 
-class RepeatStep(LoopStep):
+class RepeatStep(LoopStep, kind="repeat"):
     """Perform steps several times; `${i}` is the number of the round, from 0."""
 
-    kind = "repeat"
     holds: ClassVar[Mapping[str, Held]] = {"repeat": "count"}
     repeat: Repeats
     do: Steps

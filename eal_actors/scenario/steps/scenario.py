@@ -23,21 +23,20 @@ from eal_actors.scenario.engine.synchronization import find_meetings
 from eal_actors.scenario.language.expressions import Namespace, expressions_in, render, to_plain
 from eal_actors.scenario.language.parameters import parameter_problem
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
-from eal_actors.scenario.language.scenario import Keys, Scenario, Show, Step
+from eal_actors.scenario.language.scenario import Keys, RobotsByRole, Scenario, Show, Step
 from eal_actors.scenario.language.scope import Scope, ScopeCheck, signals_of
 from eal_actors.scenario.language.static_values import StaticValues
 from eal_actors.scenario.language.values import Text, Value, VariableName
-from eal_actors.scenario.report.timeline import TimelineBuilder, TimelineEntry
+from eal_actors.scenario.report.timeline import StepTimeline, TimelineBuilder
 from eal_actors.scenario.steps.base import BlockStep
 
 
-class ScenarioStep(BlockStep):
+class ScenarioStep(BlockStep, kind="scenario"):
     """Run another scenario, with variables of its own. Inside an `on`, each robot runs it alone, in all of its roles.
 
     `on_failure` is for its parameters and for its time-out. Its steps have policies of their own.
     """
 
-    kind = "scenario"
     scenario: Text
     """Its file, relative to this one."""
     with_: dict[VariableName, Value] = Field(default={}, alias="with", json_schema_extra=NAMES_ONLY)
@@ -164,9 +163,7 @@ class ScenarioStep(BlockStep):
         check.visit_file(RobotScope(part, roles, values, is_of_one=here.is_of_one or own is not None))
 
     @override
-    def shared_robots(
-        self, scenario: Scenario, path: YamlPath, roles: Mapping[str, Sequence[str]]
-    ) -> Iterator[Problem]:
+    def shared_robots(self, scenario: Scenario, path: YamlPath, roles: RobotsByRole) -> Iterator[Problem]:
         if (part := scenario.parts.get(format_path(path))) is not None:
             theirs = {role: roles.get(self.roles.get(role, role), ()) for role in part.file.roles}
             yield from part.shared_robots(theirs)
@@ -179,9 +176,7 @@ class ScenarioStep(BlockStep):
         return f"scenario {self.scenario}" + (f" with {given}" if given else "")
 
     @override
-    def timeline(
-        self, builder: TimelineBuilder, path: YamlPath, robots: tuple[str, ...]
-    ) -> tuple[tuple[str, ...], tuple[TimelineEntry, ...]]:
+    def timeline(self, builder: TimelineBuilder, path: YamlPath, robots: tuple[str, ...]) -> StepTimeline:
         part = builder.scenario.parts[format_path(path)]
         roles = {theirs: robots or builder.roles[self.roles.get(theirs, theirs)] for theirs in part.file.roles}
         return robots, builder.part(part, path, roles)

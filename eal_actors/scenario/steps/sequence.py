@@ -14,10 +14,9 @@ from eal_actors.scenario.language.scenario import Keys, Step, Steps
 from eal_actors.scenario.steps.base import BlockStep
 
 
-class SequenceStep(BlockStep):
+class SequenceStep(BlockStep, kind="sequence"):
     """Perform steps one after the other, with common settings such as a time limit."""
 
-    kind = "sequence"
     sequence: Steps
 
     @override

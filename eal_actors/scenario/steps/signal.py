@@ -18,10 +18,9 @@ from eal_actors.scenario.report.records import to_view
 from eal_actors.scenario.steps.base import FallibleStep
 
 
-class SignalStep(FallibleStep):
+class SignalStep(FallibleStep, kind="signal"):
     """Give a signal to all who wait for it, now or later."""
 
-    kind = "signal"
     is_instant = True
     holds: ClassVar[Mapping[str, Held]] = {"value": "template"}
     signal: Name

@@ -40,10 +40,9 @@ PLACE: Final = "place"
 """The variable that holds the present place."""
 
 
-class VisitStep(LoopStep):
+class VisitStep(LoopStep, kind="visit"):
     """Drive to places one after another, round obstacles and other robots, and perform steps at each."""
 
-    kind = "visit"
     holds: ClassVar[Mapping[str, Held]] = {"visit": "template"}
     visit: LoopValues
     """The places, each a name of the fleet's world, or [x_m, y_m], or [x_m, y_m, yaw_deg]; or `${...}` that evaluates

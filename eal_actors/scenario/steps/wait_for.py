@@ -20,10 +20,9 @@ from eal_actors.scenario.language.values import Count, Held, Value, VariableName
 from eal_actors.scenario.steps.base import WaitingStep
 
 
-class WaitForStep(WaitingStep):
+class WaitForStep(WaitingStep, kind="wait_for"):
     """Wait for a signal; one that came before counts."""
 
-    kind = "wait_for"
     holds: ClassVar[Mapping[str, Held]] = {"count": "count", "save_as": "variable", "default": "template"}
     wait_for: Name
     count: Count = 1

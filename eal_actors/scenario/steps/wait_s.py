@@ -17,10 +17,9 @@ from eal_actors.scenario.language.wording import short_number
 from eal_actors.scenario.steps.base import FallibleStep
 
 
-class WaitStep(FallibleStep):
+class WaitStep(FallibleStep, kind="wait_s"):
     """Wait for a time."""
 
-    kind = "wait_s"
     holds: ClassVar[Mapping[str, Held]] = {"wait_s": "seconds"}
     wait_s: Seconds
     """Seconds of the fleet's clock."""

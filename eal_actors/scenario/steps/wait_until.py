@@ -20,10 +20,9 @@ from eal_actors.scenario.steps.base import WaitingStep
 POLL_S: Final = 0.1
 
 
-class WaitUntilStep(WaitingStep):
+class WaitUntilStep(WaitingStep, kind="wait_until"):
     """Wait until an expression is true."""
 
-    kind = "wait_until"
     holds: ClassVar[Mapping[str, Held]] = {"wait_until": "condition"}
     wait_until: ExpressionText
     """An expression, without `${}`."""

@@ -26,10 +26,9 @@ from eal_actors.scenario.language.values import INDEX, ExpressionText, Held, Rep
 from eal_actors.scenario.steps.loop import LoopStep
 
 
-class WhileStep(LoopStep):
+class WhileStep(LoopStep, kind="while"):
     """Perform steps as long as an expression is true; `${i}` is the number of the round, from 0."""
 
-    kind = "while"
     holds: ClassVar[Mapping[str, Held]] = {"while_": "condition", "limit": "count"}
     while_: ExpressionText = Field(alias="while")
     """An expression, without `${}`."""

@@ -10,7 +10,7 @@ from eal_actors.device.info import CommandInfo, ConfigInfo, ResourceInfo, Resour
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import Scenario, load_scenario
-from eal_actors.scenario.language.binding import RobotFacts, find_candidates
+from eal_actors.scenario.language.binding import Binding, RobotFacts, find_candidates
 from eal_actors.scenario.language.robot_check import check_on_robots
 
 ANGLE = ValueInfo(DataType.DOUBLE, "deg", 0, 360)
@@ -55,7 +55,7 @@ def steps(*lines: str) -> str:
 
 
 def problems(folder: Path, body: str, robots: Mapping[str, RobotFacts] = ROBOTS) -> list[str]:
-    found = check_on_robots(scenario(folder, body), {"all": tuple(robots)}, robots)
+    found = check_on_robots(scenario(folder, body), Binding({"all": tuple(robots)}, {}), robots)
     return [str(problem).removeprefix(f"{folder}/s.yaml:") for problem in found]
 
 
