@@ -140,9 +140,6 @@ class EmulatorProcesses:
     Each runs in a session of its own, so that Ctrl-C in a terminal reaches the controller only, and the emulators
     receive its last stop. They end with this process, however it ends.
 
-    Args:
-        fleet: the file of the fleet, for its world.
-
     Attributes:
         addresses: the value of each variable.
         starts: by robot, its pose in the world at the beginning; without a world it is (0, 0, 0).

@@ -47,12 +47,8 @@ class _RateColumn(ProgressColumn):
 def work_progress(console: Console, noun: str, total: int | None, finished: int = 0, of: str = "") -> Iterator[OnDone]:
     """Show a bar on a terminal, or a line for each part elsewhere; at the end, or at Ctrl-C, a summary.
 
-    Args:
-        console: where to show it.
-        noun: the name of a part, such as `run`.
-        total: the number of parts; None where the first part tells it.
-        finished: how many of them were finished before.
-        of: words after the noun: whose parts they are.
+    `noun` names a part, such as `run`, and `of` says whose parts they are. `finished` parts were done before. `total`
+    is None where the first part tells it.
     """
     start_s, done, count = REAL_TIME.now(), 0, total
 

@@ -89,11 +89,8 @@ class Drivetrain:
     """The abilities of the wheels and motors of a type of robot.
 
     Attributes:
-        name: the type's name, for messages.
         track_m: nominal distance of its wheels.
-        speed_m_s: default speed.
         max_speed_m_s: greatest speed, of each wheel too.
-        turn_rate_deg_s: default turn rate.
         acceleration_m_s2: of each wheel, in motions to a place.
         radius_m: of the smallest disc about the robot's centre that it fits in.
     """

@@ -74,9 +74,6 @@ class FactoryPlugin(EALPlugin):
 
     For plugins whose settings name the resources, or whose resources all share one connection. `disconnect` frees what
     they share.
-
-    Attributes:
-        makers: a function for each resource, by its name.
     """
 
     def __init__(self, makers: Mapping[str, Callable[[], Resource]]) -> None:
@@ -148,7 +145,6 @@ class PluginContext:
     Attributes:
         instance: the plugin's instance name on that robot.
         settings: the plugin's checked `Settings`, or None if it has no such class.
-        services: the shared objects of the fleet's plugins.
         plugin: the result of `connect`; None while `connect` itself runs.
     """
 
@@ -214,11 +210,7 @@ class ResourceFactory(ABC):
 
 
 class OpenPlugins(ABC):
-    """A robot's connected plugins.
-
-    Attributes:
-        resources: the factories by the resources' final names.
-    """
+    """A robot's connected plugins."""
 
     resources: Mapping[str, ResourceFactory]
     errors: tuple[EALError, ...]

@@ -16,11 +16,7 @@ _BITS_A_BYTE: Final = 10  # a start bit, eight and a stop bit
 
 
 class LinePace:
-    """Bytes in flight, which arrive at a baud rate.
-
-    Args:
-        baud_rate: None for no delay.
-    """
+    """Bytes in flight, which arrive at a baud rate. `baud_rate` is None for no delay."""
 
     def __init__(self, baud_rate: int | None) -> None:
         self._byte_s = _BITS_A_BYTE / baud_rate if baud_rate else 0.0
@@ -45,11 +41,7 @@ class LinePace:
 
 
 class PacedEmulator:
-    """An emulator at a line with a baud rate. Thread: its wire's.
-
-    Args:
-        baud_rate: of the line; None for no delay.
-    """
+    """An emulator at a line with a baud rate. Thread: its wire's. `baud_rate` is None for no delay."""
 
     def __init__(self, emulator: DeviceEmulator, baud_rate: int | None) -> None:
         self._emulator = emulator

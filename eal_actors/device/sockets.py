@@ -29,8 +29,7 @@ def open_tcp(host: str, port: int, timeout_s: float = _CONNECT_TIMEOUT_S) -> Tcp
 class TcpPort:
     """A TCP connection as a BytePort: it sends bytes at once and detects a peer that is gone.
 
-    Args:
-        connection: a connected socket, which the port owns from now on.
+    The port owns the connected socket from now on.
     """
 
     def __init__(self, connection: socket.socket) -> None:

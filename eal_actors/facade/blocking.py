@@ -28,8 +28,7 @@ T = TypeVar("T")
 class _Part(Generic[H]):
     """A part of a connected robot.
 
-    Args:
-        find: returns its handle; raises UnavailableError once the connection is closed.
+    `find` returns its handle, and raises UnavailableError once the connection is closed.
     """
 
     __slots__ = ("_find",)

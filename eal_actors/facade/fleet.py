@@ -45,10 +45,8 @@ class Fleet(FleetCalls):
         with Fleet.load("fleets/sim.yaml") as fleet:
             gather(robot["Base"].send_cmd("r45") for robot in fleet.values()).get()
 
-    Any number of threads and controllers may use a fleet at the same time.
-
-    Args:
-        clock: the fleet's clock; made from the file's rate if None.
+    Any number of threads and controllers may use a fleet at the same time. Without a clock, it makes one of the file's
+    rate.
     """
 
     def __init__(self, config: FleetConfig, clock: Clock | None = None) -> None:
@@ -65,11 +63,9 @@ class Fleet(FleetCalls):
 
     @classmethod
     def load(cls, path: str | Path, *, environment: Mapping[str, str] | None = None) -> Fleet:
-        """Read a fleet file, without connecting a robot.
+        """Read a fleet file, or a bundled one by its name such as `sim`, without connecting a robot.
 
-        Args:
-            path: the fleet file, or the name of a bundled one such as `sim`.
-            environment: the values of `${NAME}` in the file; the process's environment if None.
+        Without an environment, `${NAME}` in the file has the values of the process's environment.
 
         Raises:
             ConfigError: the file is invalid; the error lists every problem.
@@ -213,8 +209,7 @@ class Fleet(FleetCalls):
     def close(self, timeout_s: float = CLOSE_TIMEOUT_S) -> None:
         """Halt all motion, disconnect every robot and end its threads. Closing it twice is harmless.
 
-        Args:
-            timeout_s: real seconds for the robots to stop; a robot that is stuck is abandoned then.
+        A robot that is stuck is abandoned after `timeout_s` real seconds.
 
         Thread: blocks the caller.
         """
@@ -280,12 +275,7 @@ class Fleet(FleetCalls):
         tags: Iterable[str] | None = None,
         types: Iterable[str] | None = None,
     ) -> list[RobotHandle]:
-        """Return the robots that match all arguments, in the order of the fleet file.
-
-        Args:
-            names: one of these names.
-            tags: one of these tags.
-            types: one of these types, or a type derived from one.
+        """Return the robots that match all arguments, in the order of the fleet file; a type matches derived ones too.
 
         Raises:
             RobotNotFoundError: the fleet has no such name, tag or type.

@@ -106,15 +106,8 @@ class FleetCalls(TravellingRobots, Mapping[str, RobotHandle]):
             fleet.send(fleet.select(tags=["indoor"]), "Base", "f0.3").get()
 
         The future is done when every robot's command is; cancelling it cancels all. For commands that begin at the same
-        instant, see `together`.
-
-        Args:
-            robots: the robots or their names, each once.
-            resource: the resource's name, the same on each.
-            cmd: the command.
-            data: its argument, where its text does not hold it.
-            return_exceptions: put errors in place of statuses; otherwise the future fails with the first one.
-            timeout_s: seconds of the fleet's clock until the deadline of each call; None for the fleet file's default.
+        instant, see `together`. `data` is the command's argument, where its text does not hold it. All other arguments
+        are those of `read`.
 
         Raises:
             ArgumentError: a robot is given twice.
@@ -136,8 +129,7 @@ class FleetCalls(TravellingRobots, Mapping[str, RobotHandle]):
     def tasks(self, timeout_s: float | None = None) -> TaskGroup:
         """Return a group of tasks, for a `with` block: different functions at the same time, which end together.
 
-        Args:
-            timeout_s: seconds of the fleet's clock to wait for the tasks at the end of the block; None for no limit.
+        It waits for them at its end, for `timeout_s` seconds of the fleet's clock or without limit.
         """
         return TaskGroup(self.clock, timeout_s)
 

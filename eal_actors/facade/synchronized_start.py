@@ -44,7 +44,6 @@ class StartRecord:
 
     Attributes:
         start_s: the planned time of the fleet's clock.
-        begins: the begins in the order of the commands.
     """
 
     start_s: float
@@ -67,7 +66,6 @@ class SynchronizedCommands:
 
     Attributes:
         start_s: the planned time of the fleet's clock.
-        futures: the futures of the commands in their order.
         record: the begins; done when the last command has succeeded or failed.
     """
 

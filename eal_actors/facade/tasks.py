@@ -66,8 +66,7 @@ class TaskGroup:
             tasks.start(watch_bumpers, fleet)
         print([square.get() for square in squares])
 
-    Args:
-        timeout_s: seconds of the clock that leaving the block waits for the tasks; None for no limit.
+    Leaving the block waits for the tasks, for `timeout_s` seconds of the clock or without limit.
     """
 
     def __init__(self, clock: Clock, timeout_s: float | None = None) -> None:

@@ -136,10 +136,8 @@ class CancelScope:
 
     A cancelled scope stays cancelled: the wait under way and every later one raise CallCancelledError, so a function
     that catches the error once cannot keep its thread waiting. It covers the waits of users (`Future.get`, a stream,
-    `Clock.sleep`, `wait_in_scope`). Actors wait on their clock directly, so that no scope can interrupt one.
-
-    Args:
-        parent: the scope that cancels this one with itself; None if there is none.
+    `Clock.sleep`, `wait_in_scope`). Actors wait on their clock directly, so that no scope can interrupt one. A parent
+    cancels it with itself.
     """
 
     def __init__(self, parent: CancelScope | None = None) -> None:
@@ -234,9 +232,6 @@ def wait_in_scope(clock: Clock, waiter: threading.Lock, timeout_s: float | None)
 
 class ScaledClock(Clock):
     """A clock that runs at `rate` times real time.
-
-    Args:
-        rate: seconds of this clock in one real second, over 0; 1 is real time.
 
     Attributes:
         start_s: the system's monotonic time at which it was made.

@@ -10,11 +10,7 @@ from eal_actors.kernel.clock import REAL_TIME
 
 
 class LogLimit:
-    """Admits some lines in each period, and counts the others.
-
-    Args:
-        most: lines in a period.
-        period_s: its length, in real seconds.
+    """Admits some lines in each period of real time, and counts the others.
 
     Thread: any.
     """

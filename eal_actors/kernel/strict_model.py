@@ -167,10 +167,8 @@ def model_of(model: type[Model], tree: YamlTree) -> Model:
 def problems_from(error: ValidationError, tree: YamlTree, model: object) -> list[Problem]:
     """Convert pydantic's errors into problems with a place in the file.
 
-    Args:
-        error: raised by validating `tree.root`.
-        tree: the validated part of a file.
-        model: the model it was validated against, or the annotation given to a TypeAdapter.
+    `tree` is the validated part of a file, `model` what it was validated against: a model, or the annotation given to a
+    TypeAdapter.
 
     Returns:
         One problem for each place; if a value may have several forms, it names them all.

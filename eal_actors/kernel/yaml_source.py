@@ -24,10 +24,7 @@ from eal_actors.kernel.yaml_words import explain
 class Limits(NamedTuple):
     """The limits of a file.
 
-    Attributes:
-        size: in bytes.
-        values: the most values, each use of an anchor counted.
-        depth: the greatest nesting of mappings and lists.
+    `size` is in bytes, each use of an anchor counts in `values`, and `depth` is that of mappings and lists.
     """
 
     size: int

@@ -31,8 +31,7 @@ RUN_LIMIT_S: Final = 3600.0
 class FinishedTask(Generic[T, R]):
     """A task that a worker has finished or lost.
 
-    Attributes:
-        has_crashed: whether its process died, or was killed because it took too long.
+    It has crashed if its process died, or was killed because it took too long.
     """
 
     task: T
@@ -46,11 +45,7 @@ def run_all(
 ) -> Generator[FinishedTask[T, R], None, None]:
     """Perform tasks in worker processes; yield each as it ends.
 
-    Args:
-        tasks: the tasks, which are pickled.
-        perform: performs a task; each process has a copy of its own.
-        log: the log of the workers.
-        jobs: number of processes, at least 1.
+    The tasks are pickled. Each of the processes, at least one, has a copy of `perform`; `log` is theirs.
 
     Thread: blocks the caller. Closing the iterator early kills the processes.
     """

@@ -34,9 +34,7 @@ class EALConfigManager:
     def load(cls, path: str | Path, *, environment: Mapping[str, str] | None = None) -> EALConfigManager:
         """Read a fleet file and what it refers to.
 
-        Args:
-            path: the fleet file, or the name of one that comes with the framework, such as `sim`.
-            environment: values of `${NAME}` in fleet files; the process's environment if None.
+        Without an environment, `${NAME}` in fleet files has the values of the process's environment.
 
         Raises:
             ConfigError: with every problem of all the files.
@@ -82,14 +80,9 @@ class EALConfigManager:
     ) -> tuple[RobotConfig, ...]:
         """Return the robots that match, in the order of the fleet.
 
-        Args:
-            names: match robots of one of these names.
-            tags: match robots with one of these tags.
-            types: match robots whose type is, or builds on, one of these.
-
         Returns:
-            The robots that match everything that is given; all of them if nothing is. May be empty if each of the
-            names, tags and types exists, but not together.
+            The robots that match everything that is given; all of them if nothing is. A type matches those that build
+            on it too. May be empty if each of the names, tags and types exists, but not together.
 
         Raises:
             RobotNotFoundError: no robot of the fleet has one of the names, tags or types.

@@ -14,8 +14,6 @@ class FleetChanges:
     """The names of the robots that a reload changes, in the order of the file.
 
     Attributes:
-        added: new in the file.
-        removed: no longer in the file.
         restarted: the others whose connection has changed: address, plugins, settings, mailbox, deadline, restarts.
         relabelled: the others whose tags or types have changed.
     """

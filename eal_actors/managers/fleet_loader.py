@@ -118,7 +118,6 @@ class _FleetFileReader:
 
     Attributes:
         sound: every file was found and every section is a mapping, so a missing key is really missing.
-        environment: values of `${NAME}`.
     """
 
     def __init__(self, environment: Mapping[str, str]) -> None:

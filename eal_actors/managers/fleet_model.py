@@ -226,7 +226,6 @@ class RobotConfig:
     """A robot, merged with its types and the defaults; its other fields are those of RobotSection.
 
     Attributes:
-        name: unique in the fleet.
         types: its type, the type that builds on, and so on.
         plugins: by name of the instance; may be empty for a robot with an address, whose server has them.
     """

@@ -34,10 +34,7 @@ Role = Literal["controller", "observer"]
 class Endpoint:
     """An address to listen at or to connect to.
 
-    Attributes:
-        protocol: one of PROTOCOLS.
-        host: a name or an IP address; an IPv6 address without its brackets.
-        port: 1 to 65535.
+    The protocol is one of PROTOCOLS, an IPv6 address has no brackets, and the port is 1 to 65535.
     """
 
     protocol: str
@@ -189,10 +186,8 @@ class SecurityConfig:
     """Permissions, and the keys that prove identities.
 
     Attributes:
-        keys: folder of the certificates.
         controller: name of the certificate of this fleet's controllers.
         grants: the permissions; everything else is denied.
-        routers: names of the routers' certificates.
     """
 
     keys: Path
@@ -203,11 +198,7 @@ class SecurityConfig:
 
 @dataclass(frozen=True, slots=True)
 class NetworkConfig:
-    """The network of a fleet; its other fields are those of NetworkSection.
-
-    Attributes:
-        security: keys and roles, or None for an open network.
-    """
+    """The network of a fleet; its other fields are those of NetworkSection."""
 
     lease_s: float = 2.0
     dead_man_s: float = 2.0

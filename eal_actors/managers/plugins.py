@@ -107,11 +107,7 @@ class PluginResource(ResourceFactory):
 
 @dataclass(frozen=True)
 class ConnectedPlugins(OpenPlugins):
-    """A robot's connected plugins.
-
-    Attributes:
-        resources: by final name.
-    """
+    """A robot's connected plugins."""
 
     resources: Mapping[str, PluginResource]
     errors: tuple[EALError, ...]
@@ -136,8 +132,7 @@ class ConnectedPlugins(OpenPlugins):
 class EALPluginManager:
     """Finds plugins by their manifests, and imports only what a robot names (Source: thesis §4.3.2).
 
-    Args:
-        plugin_dirs: folders of plugin folders, searched before the bundled plugins and the installed packages.
+    The given folders are searched before the bundled plugins and the installed packages.
 
     Attributes:
         errors: the errors of plugins that could not be read.

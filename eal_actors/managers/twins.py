@@ -24,7 +24,6 @@ class SimulatedFleet:
     """A fleet of which every robot is simulated.
 
     Attributes:
-        config: the fleet; its clock runs at rate max.
         replaced: by robot, the simulated robot that replaces it.
         left_out: by robot, why it, or some of its plugins, are left out.
         bodies: by robot, the name of its body in the world.
@@ -40,12 +39,8 @@ def simulated(config: FleetConfig, needed: Iterable[str], keep: Collection[str] 
     """Return the fleet with simulated robots only.
 
     A simulated robot, a driver on a simulated port, and a plugin with simulated cameras stay as they are, without their
-    other plugins. The robot of a driver is replaced by the driver's twin. Robots with an address become local.
-
-    Args:
-        config: any fleet.
-        needed: the robots that must be simulated; others that cannot be are left out.
-        keep: plugins that move nothing real, and stay.
+    other plugins. The robot of a driver is replaced by the driver's twin. Robots with an address become local. Robots
+    that are not `needed` and cannot be simulated are left out. Plugins to `keep` move nothing real, and stay.
 
     Raises:
         ConfigError: a needed robot cannot be simulated.

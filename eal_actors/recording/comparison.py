@@ -26,8 +26,6 @@ class Difference:
 
     Attributes:
         where: its place, such as `events[12].record.end_s` or `evbot2-1 at 3.200 s`.
-        left: the value of the first run, as text.
-        right: the value of the second run, as text.
     """
 
     where: str

@@ -69,9 +69,7 @@ def film_run(run: RunFolder, world: WorldModel | None) -> Path | None:
 class _Stage:
     """The arena, scaled to the picture.
 
-    Args:
-        paths: samples by robot, at least one each.
-        world: the arena; None shows the paths' surroundings.
+    There is at least one sample for each robot; without a world it shows the paths' surroundings.
     """
 
     def __init__(self, paths: Mapping[str, Sequence[PoseSample]], world: WorldModel | None) -> None:

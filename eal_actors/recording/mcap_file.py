@@ -244,11 +244,7 @@ def read_findings(path: Path) -> Iterator[tuple[str, float, Findings]]:
 
 @dataclass(frozen=True, slots=True)
 class RecordedMessage:
-    """One message of a file.
-
-    Attributes:
-        time_s: seconds since the run's start.
-    """
+    """One message of a file; its time is in seconds since the run's start."""
 
     time_s: float
     topic: str
@@ -262,8 +258,6 @@ class McapContent:
 
     Attributes:
         messages: its messages, in the order of the file.
-        metadata: its texts by name and key.
-        schemas: the JSON Schemas of its messages by name.
         is_complete: False if the end is missing, as after a crash of the controller.
     """
 

@@ -72,12 +72,8 @@ class PoseRecorder(ExitStack):
     """Samples the pose of every robot periodically inside its `with` block.
 
     The pose is the true one where there is one, in simulation, else the estimate. A robot that does not answer within
-    the period is skipped until it has answered. A robot whose Pose is no pose is not sampled again.
-
-    Args:
-        fleet: a connected fleet.
-        robots: the names of the robots; those without a Pose are ignored.
-        period_s: seconds of the fleet's clock between two samples.
+    the period is skipped until it has answered. A robot whose Pose is no pose is not sampled again. Robots without a
+    Pose are ignored. `period_s` is by the fleet's clock.
     """
 
     def __init__(self, fleet: Fleet, robots: Iterable[str], period_s: float = POSE_PERIOD_S) -> None:
@@ -115,10 +111,8 @@ class PoseRecorder(ExitStack):
 class TrajectoryTable:
     """The CSV file of the robots' paths, written line by line so that a crash loses nothing.
 
-    A row has robot, time_s to a thousandth, and x_m, y_m and yaw_rad to a millionth.
-
-    Args:
-        path: the file; rows are appended if it exists.
+    A row has robot, time_s to a thousandth, and x_m, y_m and yaw_rad to a millionth. Rows are appended if the file
+    exists.
 
     Thread: one at a time.
     """

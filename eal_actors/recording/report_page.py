@@ -39,7 +39,6 @@ class Latency:
     """Durations of the successful calls with one label, in seconds of the fleet's clock.
 
     Attributes:
-        label: resource and command.
         count: number of calls, the failed ones included.
         failures: number of calls that were not done.
     """

@@ -88,7 +88,6 @@ class RunRecorder:
     """Records a run inside its `with` block: samples the robots and listens to the run.
 
     Args:
-        fleet: a connected fleet.
         directory: the run's folder, which must exist. The record of an interrupted run is appended to; call
             `repair_record` first. Without the mcap library, which is logged, there is no `run.mcap`.
         past: the record of a past that is repeated; poses only.

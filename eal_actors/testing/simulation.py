@@ -43,7 +43,8 @@ class Simulation:
             simulation.advance_until(lambda: simulation.is_bumping("scout"))
 
     Time advances in `advance`, `advance_until` and `run`, and while the test waits for a robot's answer. So a test
-    sees the same values in every run.
+    sees the same values in every run. Its methods raise UnavailableError while the simulation is not open,
+    RobotNotFoundError for an unknown robot, and ResourceNotFoundError for a robot without the resource that they name.
 
     Args:
         robots: maps each robot's name to its model, or to settings of the simulation's plugin (`start` may be
@@ -115,22 +116,13 @@ class Simulation:
 
     @property
     def fleet(self) -> Fleet:
-        """The connected fleet.
-
-        Raises:
-            UnavailableError: the simulation is not open.
-        """
+        """The connected fleet."""
         if self._fleet is None:
             raise UnavailableError("the simulation is not open; use `with Simulation(...) as simulation:`")
         return self._fleet
 
     def __getitem__(self, robot: str) -> RobotHandle:
-        """Return a robot.
-
-        Raises:
-            RobotNotFoundError: the fleet has no robot of this name.
-            UnavailableError: the simulation is not open.
-        """
+        """Return a robot."""
         return self.fleet[robot]
 
     @property
@@ -141,8 +133,7 @@ class Simulation:
     def threads_left(self, timeout_s: float) -> tuple[str, ...]:
         """Wait until the threads on the simulation's clock have ended; return the names of those that still run.
 
-        Args:
-            timeout_s: longest wait, in real seconds.
+        It waits `timeout_s` real seconds at most.
 
         Thread: blocks the caller.
         """
@@ -160,14 +151,10 @@ class Simulation:
         return self._clock.now()
 
     def advance(self, duration_s: float) -> None:
-        """Advance time; return when the robots have done everything that they do in this time.
-
-        Args:
-            duration_s: simulated seconds, at least 0.
+        """Advance time by simulated seconds; return when the robots have done everything that they do in this time.
 
         Raises:
             ArgumentError: the duration is under 0 or not finite.
-            UnavailableError: the simulation is not open.
         """
         self.fleet.clock.sleep(_require_duration("duration_s", duration_s))
 
@@ -187,7 +174,6 @@ class Simulation:
         Raises:
             WaitTimeoutError: the condition is still false at the time limit; the message has the robots' poses.
             ArgumentError: a duration is negative or not finite, or the period is 0.
-            UnavailableError: the simulation is not open.
         """
         clock, start_s = self.fleet.clock, self.now_s
         end_s = start_s + _require_duration("timeout_s", timeout_s)
@@ -205,58 +191,29 @@ class Simulation:
     # Assertions.
 
     def pose(self, robot: str) -> Pose:
-        """Return the true pose of a robot, from its resource TruePose.
-
-        Raises:
-            RobotNotFoundError: the fleet has no robot of this name.
-            ResourceNotFoundError: the robot has no resource TruePose.
-            UnavailableError: the simulation is not open.
-        """
+        """Return the true pose of a robot, from its resource TruePose."""
         x_m, y_m, yaw_rad = map(float, self[robot]["TruePose"].get_value().get().value)
         return Pose(x_m, y_m, yaw_rad)
 
     def distance_m(self, robot: str, other: str | tuple[float, float]) -> float:
-        """Return the distance between the centres of two robots, or from a robot to a point.
-
-        Args:
-            robot: a robot's name.
-            other: another robot's name, or x and y in metres.
-
-        Raises:
-            RobotNotFoundError: the fleet has no robot of this name.
-            ResourceNotFoundError: the robot has no resource TruePose.
-            UnavailableError: the simulation is not open.
-        """
+        """Return the distance between the centres of two robots, or from a robot to a point, x and y in metres."""
         x_m, y_m = self.pose(other)[:2] if isinstance(other, str) else other
         here = self.pose(robot)
         return math.hypot(here.x_m - x_m, here.y_m - y_m)
 
     def is_bumping(self, robot: str) -> bool:
-        """Return whether a robot's bumper is pressed, from its resource Bump.
-
-        Raises:
-            RobotNotFoundError: the fleet has no robot of this name.
-            ResourceNotFoundError: the robot has no resource Bump.
-            UnavailableError: the simulation is not open.
-        """
+        """Return whether a robot's bumper is pressed, from its resource Bump."""
         return bool(self[robot]["Bump"].get_value().get().value)
 
     # Faults.
 
     def inject(self, robot: str, **faults: bool | float | str | Sequence[str]) -> None:
-        """Inject faults into a robot through its resource Faults, which lists the possible faults.
+        """Inject faults into a robot through its resource Faults, which lists them; other faults stay unchanged.
 
             simulation.inject("scout", motor_left=0.5, frozen=["Range", "Camera"])
 
-        Args:
-            robot: its name.
-            faults: the faults to set; others stay unchanged.
-
         Raises:
             ArgumentError: the fault does not exist, or the value is not valid for it.
-            RobotNotFoundError: the fleet has no robot of this name.
-            ResourceNotFoundError: the robot has no resource Faults.
-            UnavailableError: the simulation is not open.
         """
         resource = self[robot]["Faults"]
         known = [info.name for info in resource.info.configs]
@@ -268,13 +225,7 @@ class Simulation:
             resource.set_config(name, scalar).get()
 
     def clear_faults(self, robot: str) -> None:
-        """End all faults of a robot; its fault plan continues.
-
-        Raises:
-            RobotNotFoundError: the fleet has no robot of this name.
-            ResourceNotFoundError: the robot has no resource Faults.
-            UnavailableError: the simulation is not open.
-        """
+        """End all faults of a robot; its fault plan continues."""
         self[robot]["Faults"].send_cmd("clear").get()
 
     # Scenarios.
@@ -289,7 +240,6 @@ class Simulation:
         Raises:
             ConfigError: the scenario is wrong, or the robots cannot perform it.
             ScenarioError: the scenario saves files, and there is no directory.
-            UnavailableError: the simulation is not open.
         """
         fleet = self.fleet
         loaded = scenario if isinstance(scenario, Scenario) else read_scenario(scenario)
@@ -338,8 +288,7 @@ def read_scenario(source: str | Path) -> Scenario:
 class SimulationFactory:
     """The value of the fixture `simulation`: a callable with the arguments of `Simulation` that returns an open one.
 
-    Args:
-        seed: seed of simulations without one; None leaves their default.
+    Without a seed, simulations keep their own.
     """
 
     def __init__(self, seed: int | None = None) -> None:

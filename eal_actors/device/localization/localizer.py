@@ -89,11 +89,8 @@ class Localizer:
     def odometry(self, x_m: float, y_m: float, yaw_rad: float, stamp_s: float) -> None:
         """Add the pose by odometry at a time; earlier times than the latest are ignored.
 
-        Args:
-            x_m: in any frame that stays the same; see `restart_odometry`.
-            y_m: likewise.
-            yaw_rad: likewise; wrapped or not.
-            stamp_s: when the wheels were there, in seconds of the fleet's clock.
+        The pose is in any frame that stays the same, see `restart_odometry`; its yaw may be wrapped. `stamp_s` is when
+        the wheels were there, by the fleet's clock.
         """
         self.odometry_path([(x_m, y_m, yaw_rad, stamp_s)])
 

@@ -52,11 +52,7 @@ class Moment:
 
 
 class PoseHistory:
-    """The history of one robot.
-
-    Args:
-        begin: returns the state at the first odometry of all.
-    """
+    """The history of one robot. `begin` returns the state at the first odometry of all."""
 
     def __init__(self, begin: Callable[[], FilterState]) -> None:
         self.noise = OdometryNoise()

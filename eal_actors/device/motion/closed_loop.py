@@ -134,8 +134,7 @@ class HoldWatch:
 class ClosedLoop:
     """One motion of a base to the end of a route.
 
-    Args:
-        most_m: greatest standard deviation of the position with which it drives.
+    `most_m` is the greatest standard deviation of the position with which it drives.
     """
 
     def __init__(self, device: MotionDevice, controller: RouteController, limits: MotionLimits, most_m: float) -> None:

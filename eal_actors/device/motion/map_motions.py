@@ -39,8 +39,7 @@ _UNCERTAINTY: Final = ValueInfo(DataType.DOUBLE, "m", 0.01, 100)
 class MapMotions(Resource, ABC):
     """Drives to a place and along a path, guided by the robot's estimated pose; a part of DifferentialBase.
 
-    Args:
-        context: the plugin's, which has the robot's localizer; None if the driver estimates no pose.
+    Without a context, the driver estimates no pose.
     """
 
     max_uncertainty_m: float = setting(
@@ -131,10 +130,8 @@ class MapMotions(Resource, ABC):
     def along(self, points: Sequence[Point], yaw_rad: float | None, motion: Activity) -> Activity:
         """Return a motion whose path the request `path` answers while it runs.
 
-        Args:
-            points: where it begins, its waypoints and its end, in the map.
-            yaw_rad: the heading at its end; None for that of its arrival.
-            motion: the motion.
+        `points` are where it begins, its waypoints and its end, in the map. `yaw_rad` is the heading at its end, None
+        for that of its arrival.
         """
         yaws = [math.atan2(y_m - from_y_m, x_m - from_x_m) for (from_x_m, from_y_m), (x_m, y_m) in pairwise(points)]
         yaws.append(yaw_rad if yaw_rad is not None else yaws[-1])

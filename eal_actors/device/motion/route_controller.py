@@ -73,9 +73,7 @@ def braking_speed(left: float, acceleration: float, delay_s: float) -> float:
 class RouteController:
     """Drives along a route to its end, and turns to a heading there.
 
-    Args:
-        route: from the robot's place to the goal.
-        yaw_rad: the heading at the goal; None for any.
+    The route begins at the robot's place; `yaw_rad` is the heading at the goal, None for any.
 
     Attributes:
         turn_left_rad: the angle to go while it turns in place; None while it drives.

@@ -17,9 +17,6 @@ class SlipWatch:
     """Ends a motion whose robot is held: it is not where its encoders count it.
 
     One reading is no evidence: motors also strain when they start, or push something that gives way.
-
-    Args:
-        is_turn: whether the robot turns in place; else it drives straight.
     """
 
     def __init__(self, *, is_turn: bool) -> None:

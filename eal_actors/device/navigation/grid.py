@@ -81,9 +81,6 @@ class OccupancyGrid:
         large as the robot no cell beside an obstacle remains free: inflate a fine grid, and ask it with `is_line_free`
         for the points of a coarse one.
 
-        Args:
-            radius_m: radius of the robot, with the distance that it must keep; 0 or more.
-
         Raises:
             ArgumentError: the radius is negative or not finite.
         """

@@ -59,12 +59,8 @@ def plan_path(grid: OccupancyGrid, start: Point, goal: Point, *, most_cells: int
     """Return a short path between two points through free cells.
 
     A start that is too near to an obstacle, as where a robot stands at a wall, is left by the shortest free line.
-
-    Args:
-        grid: the map, inflated by the robot's radius.
-        start: x and y in the map frame in metres.
-        goal: x and y in the map frame in metres.
-        most_cells: cells that the search enters at most.
+    `grid` is inflated by the robot's radius; both ends are x and y in the map frame in metres. The search enters
+    `most_cells` at most.
 
     Raises:
         NoPathError: the start or the goal is outside the map, in an obstacle or in unknown floor; the goal is too near

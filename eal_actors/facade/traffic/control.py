@@ -48,9 +48,7 @@ _OPEN_FLOOR_M: Final = 3.0
 class TrafficControl:
     """Brings the robots of a fleet to their goals; see `Fleet.go_to`.
 
-    Args:
-        floor: the map, not inflated; None for an open floor.
-        seed: of choices between equal plans.
+    `floor` is the map, not inflated, None for an open floor; `seed` is that of choices between equal plans.
     """
 
     def __init__(self, robots: Mapping[str, RobotHandle], clock: Clock, floor: OccupancyGrid | None, seed: int) -> None:

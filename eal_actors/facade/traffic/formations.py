@@ -20,11 +20,7 @@ def formation_goals(
 ) -> dict[str, tuple[float, float, float]]:
     """Return the place of each robot in a shape, so that they drive little: x_m, y_m and yaw_deg.
 
-    Args:
-        starts: where the robots are, by name; the map frame.
-        shape: line, column, grid, circle or wedge.
-        spacing_m: distance between neighbours.
-        centre: x_m, y_m and yaw_deg of the shape.
+    The robots start at `starts`, by name, in the map frame. `centre` is x_m, y_m and yaw_deg of the shape.
 
     Raises:
         ArgumentError: there is no such shape, or a number is out of its range.

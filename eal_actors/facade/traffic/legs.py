@@ -26,10 +26,7 @@ _CALL_S_PER_MOVE: Final = 8.0
 
 
 class Leg:
-    """The moves of one robot in a plan.
-
-    Args:
-        notify: is called, in any thread, when the robot may have come farther.
+    """The moves of one robot in a plan. `notify` is called, in any thread, when the robot may have come farther.
 
     Attributes:
         done: the number of moves that are over.

@@ -19,12 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class TripGoal:
-    """Where a robot is to be.
-
-    Attributes:
-        point: x and y in m, in the map frame.
-        yaw_deg: its heading there; None for any.
-    """
+    """Where a robot is to be. Its point is x and y in m in the map frame; `yaw_deg` is None for any heading."""
 
     point: Point
     yaw_deg: float | None
@@ -32,10 +27,6 @@ class TripGoal:
 
 class Trip(Future[int]):
     """One robot's way to its goal; done on its arrival, with 1.
-
-    Args:
-        timeout_s: seconds of the clock until its deadline.
-        give_up: stops the robot when the trip is cancelled or late.
 
     Attributes:
         obstacles: how many obstacles on no map it has met.

@@ -31,9 +31,7 @@ OnVersion = Callable[[str, bool], None]
 class Bisection:
     """The result.
 
-    Attributes:
-        version: the first version whose record differs; a commit with its title, or a file.
-        first: the first difference from the good version; None if no version differs.
+    `version` is the first that differs, a commit with its title or a file; `first` is None if none differs.
     """
 
     version: str
@@ -45,13 +43,8 @@ def bisect(run: Path, good: str, bad: str, on_version: OnVersion = lambda _versi
     """Find the first version whose record of a run differs from that of a good version.
 
     Versions are two scenario files, or two revisions of the git repository in the working directory, which has the
-    scenario of the run at the same path, or is the framework's own. Nothing in the repository is changed.
-
-    Args:
-        run: the run's folder; its fleet, seed and parameters are used.
-        good: a scenario file, or a revision.
-        bad: another one; a revision must descend from the good one.
-        on_version: called after each run.
+    scenario of the run at the same path, or is the framework's own. Nothing in the repository is changed. Versions are
+    scenario files or revisions, and a bad revision descends from the good one. `on_version` is called after each run.
 
     Raises:
         ScenarioError: the run cannot be repeated, or the versions cannot be compared.

@@ -17,11 +17,7 @@ from eal_actors.scenario import Report, Scenario, load_scenario
 
 @dataclass(frozen=True, slots=True)
 class RecordedInput:
-    """The input of a run.
-
-    Attributes:
-        binding: its robots and spares by role.
-    """
+    """The input of a run."""
 
     folder: RunFolder
     report: Report

@@ -66,14 +66,8 @@ def drive_squares(
     """Drive squares from one start, first clockwise, then counter-clockwise, and measure their ends.
 
     The position by odometry, if the robot has it, is subtracted from each end: a motion that stops a little early is
-    not an error of the wheels.
-
-    Args:
-        robot: a robot whose resource Base has the commands f<metres>, l<degrees> and r<degrees>.
-        measurement: measures the ends.
-        side_m: length of a side.
-        count: squares each way.
-        on_end: called with each end, in metres.
+    not an error of the wheels. Its Base has the commands f<metres>, l<degrees> and r<degrees>. `on_end` is called with
+    each end, in metres.
 
     Raises:
         BlockedError: the robot touches something.

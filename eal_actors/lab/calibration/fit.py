@@ -51,11 +51,7 @@ class Fit:
 def fit_squares(ends: SquareEnds, side_m: float, wheelbase_m: float, applied: WheelCalibration = NOMINAL) -> Fit:
     """Fit the kinematics to the ends of squares by Gauss-Newton, with 4 residuals and 2 unknowns.
 
-    Args:
-        ends: the measured ends.
-        side_m: length of a side.
-        wheelbase_m: nominal distance of the wheels.
-        applied: calibration that the base used while it drove; start of the iteration. The result replaces it.
+    `applied` is the calibration that the base used while it drove, the start of the iteration; the result replaces it.
 
     Raises:
         ArgumentError: the fit does not converge, its result is impossible for a base or explains nothing, or a length

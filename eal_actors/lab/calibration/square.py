@@ -69,9 +69,7 @@ def seen_from(start: Pose, pose: Pose) -> Pose:
 class SquareEnds:
     """Measured ends of squares, minus the ends by odometry: x along the first side, y to its left.
 
-    Attributes:
-        cw: of squares with turns to the right, in metres.
-        ccw: of squares with turns to the left, in metres.
+    All are in metres; `cw` are squares with turns to the right.
 
     Raises:
         ArgumentError: one way has no squares, or a coordinate is not finite.

@@ -73,7 +73,6 @@ class Lookahead:
     """Looks ahead inside its `with` block, once a second of the fleet's clock.
 
     Args:
-        scripts: their scripts, from `rehearse_scripts`.
         on_look: called with the time of each look, by the fleet's clock, and all its findings. Thread: the
             look-ahead's own.
         may_hold: asked with the time and the finding before robots are halted; false lets them go on. Thread: the

@@ -26,7 +26,6 @@ class BoardView:
     Attributes:
         points: corners on the board, (n, 3), in metres.
         pixels: the same corners in the picture, (n, 2).
-        size_px: width and height of the picture.
     """
 
     points: NDArray[np.float32]
@@ -39,7 +38,6 @@ class LensFit:
     """A calibrated lens.
 
     Attributes:
-        size_px: width and height of the pictures.
         focal_px: focal lengths along the columns and the rows.
         centre_px: column and row of the axis.
         distortion: k1, k2, p1, p2, k3.

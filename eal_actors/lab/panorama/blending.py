@@ -25,11 +25,7 @@ Owners = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class PlacedFrame:
-    """A placed frame.
-
-    Attributes:
-        gain: factor on its brightness.
-    """
+    """A placed frame."""
 
     frame: Image
     camera: TurnedCamera
@@ -39,9 +35,7 @@ class PlacedFrame:
     def pixels(self, yaws_rad: Floats, down: Floats) -> tuple[Floats, Floats, Mask]:
         """Return the frame's pixels in directions from the axis, as `TurnedCamera.pixels` does.
 
-        Args:
-            yaws_rad: the directions, (w,).
-            down: tangents of their depression, (h,).
+        The directions are `yaws_rad`, (w,), and tangents of their depression, (h,).
         """
         right_rad = np.clip(wrapped_rad(self.attitude.yaw_rad - yaws_rad), -math.pi / 2, math.pi / 2)
         return self.camera.pixels(right_rad, down[:, np.newaxis], self.attitude)
@@ -66,7 +60,6 @@ class PanoramaCanvas:
         left_rad: yaw of its left edge.
         top_px: row of its upper edge, from the horizon down.
         bottom_px: row of its lower edge.
-        px_per_rad: columns per radian.
         is_closed: whether its right edge joins its left edge.
     """
 
@@ -175,10 +168,7 @@ def _least_path(costs: Floats) -> NDArray[np.int64]:
 def blend(views: Mapping[int, PlacedFrame], owners: Owners, canvas: PanoramaCanvas) -> Image:
     """Blend frames into an image.
 
-    Args:
-        views: the placed frames, by number.
-        owners: the number of the frame that provides each pixel, -1 for none, (height, width).
-        canvas: the part of the cylinder to fill.
+    `owners` has the number of the frame that provides each pixel, -1 for none, (height, width).
 
     Returns:
         The image, (bottom - top, width, 3); black outside of all frames.

@@ -71,11 +71,9 @@ LEVEL: Final = Attitude(0.0)
 
 @dataclass(frozen=True, slots=True)
 class CameraLens:
-    """A camera with square pixels and its axis through the centre of the frame.
+    """A camera with square pixels and its axis through the centre of the frame. Width and height are in pixels.
 
     Attributes:
-        width: width of the frame, in pixels.
-        height: height of the frame, in pixels.
         field_of_view_rad: angle between the left and the right edge of the frame without distortion, under pi.
         k1: radial distortion as OpenCV defines it: at r focal lengths from the axis it multiplies r by 1 + k1 r^2.
     """

@@ -185,9 +185,7 @@ class _Sweep:
 def _completed(sums: Floats, shares: Floats) -> Floats:
     """Return the costs; a label at which the cell is not in both frames costs about as much as the best of the others.
 
-    Args:
-        sums: costs of the share of each cell that both frames show, (rows, columns, labels).
-        shares: these shares.
+    Both arguments are of the share of each cell that both frames show, (rows, columns, labels).
     """
     means = np.divide(sums, shares, out=np.full_like(sums, np.inf), where=shares >= 0.5)
     best = means.min(axis=2, keepdims=True)

@@ -31,7 +31,6 @@ class CameraFrames:
 
     Attributes:
         names: the files' names, in natural order: frame.2.png before frame.10.png.
-        images: RGB images, (h, w, 3).
         yaws_rad: yaw of the camera at each frame by odometry, counter-clockwise.
     """
 

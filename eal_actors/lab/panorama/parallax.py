@@ -119,11 +119,7 @@ class Parallax:
 
 
 class TurnedCamera(NamedTuple):
-    """A camera on a robot that turns in place.
-
-    Attributes:
-        parallax: its position, and the surroundings.
-    """
+    """A camera on a robot that turns in place."""
 
     lens: CameraLens
     parallax: Parallax

@@ -20,8 +20,6 @@ class Patch:
     Attributes:
         grey: brightness, (h, w) of unsigned bytes.
         reaches: mask of the frame, (h, w).
-        colours: the projected frame.
-        px_per_rad: pixels of the cylinder per radian.
     """
 
     grey: NDArray[np.uint8]

@@ -59,7 +59,6 @@ class FramePlacement:
         camera: its lens and its position, as the frames determine them.
         places: attitude of the camera at each placed frame.
         how: source of each placed frame's direction.
-        unplaced: why the other frames were not placed.
         closing_error_rad: sum of the turns minus a full turn; None if unknown.
         patches: the placed frames, projected for comparison.
     """
@@ -85,13 +84,8 @@ def place_frames(
     """Determine the lens and the direction of each frame.
 
     A frame keeps its yaw by odometry if its overlaps have no usable structure. A frame that contradicts all of its
-    neighbours is left out.
-
-    Args:
-        frames: frames of one size, by number.
-        yaws_rad: yaw of each frame by odometry, in the order of the numbers.
-        lens: the lens of the frames, as far as it is known.
-        names: names of the frames in messages.
+    neighbours is left out. The frames have one size, and the yaws by odometry are in the order of their numbers.
+    `names` are for messages.
     """
     coarse = _settle(frames, yaws_rad, lens, _CompareBy(TurnedCamera(lens, Parallax.none()), _COARSE_WIDTH), names)
     if coarse.camera.parallax.is_some or lens.width <= _COARSE_WIDTH:

@@ -39,9 +39,7 @@ class Coupling:
 def propagate(costs: Floats, coupling: Coupling) -> NDArray[np.int64]:
     """Return the label of each cell, (rows, columns).
 
-    Args:
-        costs: of each label in each cell, (rows, columns, labels).
-        coupling: costs of differences.
+    The costs are those of each label in each cell, (rows, columns, labels), and those of differences.
     """
     rows, columns, labels = costs.shape
     up = np.arange(labels)[:, np.newaxis] - np.arange(labels)  # of the receiver above the sender

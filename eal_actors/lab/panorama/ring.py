@@ -49,12 +49,7 @@ class Ring:
 
 
 def ring_of(yaws_rad: Mapping[int, float], field_of_view_rad: float) -> Ring:
-    """Return the frames in order; an open ring begins after the widest gap.
-
-    Args:
-        yaws_rad: yaw of each frame, by its number; at least one.
-        field_of_view_rad: field of view of a frame.
-    """
+    """Return the frames in order; an open ring begins after the widest gap. There is at least one yaw."""
     order = sorted(yaws_rad, key=lambda number: (-(yaws_rad[number] % (2 * math.pi)), number))
     following = [*order[1:], order[0]]
     turns_rad = [(yaws_rad[one] - yaws_rad[other]) % (2 * math.pi) for one, other in zip(order, following, strict=True)]

@@ -49,7 +49,6 @@ class Panorama:
         missing_rad: angle between left and right edge that no frame shows.
         yaws_rad: yaw of each frame, in the given order; None for frames that were not placed.
         placed: source of each placed frame's direction, by its number from 0.
-        unplaced: why the other frames were not placed, by number.
         gains: brightness gain of each placed frame.
         lens: the camera's lens, as the frames determine it.
         parallax: its position beside the axis of rotation, and the distances of what stands round it, as the frames

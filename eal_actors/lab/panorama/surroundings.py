@@ -23,10 +23,6 @@ def with_surroundings(frames: Mapping[int, Image], placement: FramePlacement) ->
 
     That of a camera on the axis, or of an open ring, is returned as it is.
 
-    Args:
-        frames: frames of one size, by number.
-        placement: by features.
-
     Thread: any; it may take some seconds.
     """
     places, camera = dict(placement.places), placement.camera

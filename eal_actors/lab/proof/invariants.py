@@ -38,9 +38,7 @@ _STEPS_PER_DEADLINE: Final = 1.1
 class Violation:
     """An invariant that a trial has violated.
 
-    Attributes:
-        robot: the robot; empty for the run.
-        step: path of the step; empty for none in particular.
+    Without a robot it is of the run, without a step of none in particular.
     """
 
     invariant: str
@@ -51,11 +49,7 @@ class Violation:
 
 @dataclass(frozen=True, slots=True)
 class Trials:
-    """A trial, and all that it is judged by.
-
-    Attributes:
-        within_s: the run must end within this time of the fleet's clock; None for no such limit.
-    """
+    """A trial, and all that it is judged by; `within_s` is by the fleet's clock, None for no limit."""
 
     scenario: Scenario
     case: FaultCase

@@ -137,7 +137,6 @@ class Proof:
 
     Attributes:
         positions: the steps of the run without faults.
-        planned: the number of all single faults.
         cases: the cases, in the order of the plan.
         unprovable: robots whose faults nobody can inject, and why.
         healthy: the report of the run without faults.

@@ -36,11 +36,7 @@ class ShrinkTask:
 
 @dataclass(frozen=True, slots=True)
 class LeastCase:
-    """A finding, shrunk.
-
-    Attributes:
-        content: the least fleet, without the faults.
-    """
+    """A finding, shrunk."""
 
     content: Content
     case: FaultCase

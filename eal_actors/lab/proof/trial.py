@@ -40,7 +40,6 @@ class TrialTask:
     """A trial for a worker.
 
     Attributes:
-        content: the fleet, with its faults.
         kill_at_s: when the controller is killed, in seconds of the fleet's clock; None if it is not.
     """
 
@@ -76,7 +75,6 @@ class TrialWorker:
     """Performs trials; loads the scenario at the first one.
 
     Attributes:
-        binding: robots by role, as the user bound them; None if the scenario binds them.
         limit_s: a run is stopped after this time of the fleet's clock.
     """
 
@@ -105,12 +103,7 @@ def perform_trial(
 ) -> Trial:
     """Run a scenario once, with every robot of the fleet in the world.
 
-    Args:
-        scenario: the scenario, with the values of its parameters.
-        config: a fleet of simulated robots.
-        binding: robots by role, in place of the scenario's.
-        limit_s: the run is stopped after this time of the fleet's clock.
-        kill_at_s: when the controller is killed, in seconds of the fleet's clock.
+    The run is stopped at `limit_s`, and its controller killed at `kill_at_s`, both by the fleet's clock.
 
     Thread: blocks the caller.
     """

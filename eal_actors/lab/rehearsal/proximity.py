@@ -55,9 +55,6 @@ class ProximityEvent:
 class ProximityRecorder:
     """Recorder of the gaps that a `ProximityObserver` reports from a simulated world.
 
-    Args:
-        margin_m: a smaller gap is a proximity event.
-
     Attributes:
         reach_m: gaps up to this one are observed.
         robots: first observed position of each robot, by name.

@@ -62,13 +62,7 @@ def rehearse(
 ) -> Rehearsal:
     """Run a scenario once with every robot of the fleet in the world, including those that take no part.
 
-    Args:
-        scenario: the scenario, with the values of its parameters.
-        fleet: the simulated fleet.
-        margin_m: a smaller gap between outlines is an incident.
-        seed: seed of all randomness.
-        directory: the run's folder; None keeps no files.
-        binding: robots by role, instead of the scenario's binding.
+    A gap between outlines smaller than `margin_m` is an incident. Without a directory no files are kept.
 
     Raises:
         ConfigError: the robots cannot perform the scenario.

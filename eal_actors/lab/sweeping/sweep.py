@@ -46,12 +46,7 @@ class SweepJob:
 
 @dataclass(frozen=True, slots=True)
 class Sweep:
-    """A parameter sweep.
-
-    Attributes:
-        keep: plugins that move nothing real and are not replaced by simulated ones.
-        seeds: the seeds; each combination runs once with each.
-    """
+    """A parameter sweep. Plugins to keep move nothing real. Each combination runs once with each seed."""
 
     scenario: Scenario
     fleet: FleetConfig

@@ -32,10 +32,7 @@ class SweepTask:
 class SweepWorker:
     """Performs the runs of a sweep; loads its files at the first run.
 
-    Attributes:
-        scenario_hash: its hash at the start of the sweep.
-        fleet_hash: its hash at the start of the sweep.
-        keep: plugins that move nothing real and are not replaced by simulated ones.
+    The hashes are those at the start of the sweep; plugins to keep move nothing real.
     """
 
     scenario: Path

@@ -87,10 +87,7 @@ class RehearsalResult:
 
 
 class Rehearser:
-    """Rehearses plans on simulated twins, one at a time.
-
-    Args:
-        limit_s: real seconds after which a rehearsal is ended.
+    """Rehearses plans on simulated twins, one at a time. A rehearsal is ended after `limit_s` real seconds.
 
     Thread: any; `rehearse` blocks its caller for at most `limit_s`.
     """

@@ -40,9 +40,7 @@ _WAITS_UNTIL_DONE: Final = 60.0
 class PlanGate:
     """Examines, keeps and runs the plans of agents on a connected fleet, one run at a time.
 
-    Args:
-        runs_dir: the folder of runs and plans.
-        rehearsal_limit_s: real seconds for the rehearsals of a plan.
+    The rehearsals of a plan may take `rehearsal_limit_s` real seconds.
 
     Thread: any. `examine`, `submit` and `start` block on files and a rehearsal.
     """

@@ -21,10 +21,10 @@ from eal_actors.kernel.errors import ConfigError, EALError, Problem
 from eal_actors.kernel.strict_model import StrictModel, Version1, model_of
 from eal_actors.kernel.yaml_source import load_yaml
 from eal_actors.managers.twins import simulated
-from eal_actors.scenario import Plan, Scenario
+from eal_actors.scenario import Plan
 from eal_actors.scenario.engine.plan import robot_facts
+from eal_actors.scenario.language.binding import Binding
 from eal_actors.scenario.language.robot_check import CheckedCall, RobotCheck, RobotScope
-from eal_actors.scenario.language.static_values import StaticValues
 from eal_actors.scenario.language.values import Text
 
 _READING: Final = frozenset({"get_status", "get_value", "read_comm", "get_config", "halt"})
@@ -109,7 +109,7 @@ def _against(rule: PolicyRule, plan: Plan, fleet: Fleet, duration_s: float) -> l
         if step.kind not in _CONTROL | _CALLS | set(rule.steps)
     ]
     check = _PolicyCheck(rule, words, plan, fleet)
-    return problems or check.judge(scenario, plan)
+    return problems or check.problems_of(scenario, fleet.config.seed)
 
 
 def _general_reason(rule: PolicyRule, plan: Plan, fleet: Fleet, duration_s: float) -> str | None:
@@ -143,17 +143,10 @@ class _PolicyCheck(RobotCheck):
     """The check of a scenario on its robots, which also compares every call with a rule."""
 
     def __init__(self, rule: PolicyRule, words: str, plan: Plan, fleet: Fleet) -> None:
-        super().__init__({name: robot_facts(fleet[name]) for name in plan.robots}, plan.spares, fleet.config.world)
+        facts = {name: robot_facts(fleet[name]) for name in plan.robots}
+        super().__init__(facts, Binding(plan.roles, plan.spares), fleet.config.world)
         self._rule = rule
         self._words = words
-        self._seed = fleet.config.seed
-
-    def judge(self, scenario: Scenario, plan: Plan) -> list[Problem]:
-        everyone = {role: (*names, *plan.spares.get(role, ())) for role, names in plan.roles.items()}
-        with self.budget.applied():
-            values = StaticValues({**scenario.parameters, "run": {"seed": self._seed}})
-            self.visit_file(RobotScope(scenario, everyone, values))
-        return self.problems()
 
     @override
     def call(self, call: CheckedCall, robots: Sequence[str], here: RobotScope) -> ResourceInfo | None:

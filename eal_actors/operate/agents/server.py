@@ -41,11 +41,7 @@ Parameters = dict[str, bool | int | float | str | list[bool | int | float | str]
 
 
 class AgentServer:
-    """Serves one fleet to agents.
-
-    Args:
-        audit: the log of all requests, which is open.
-        place: where requests come from, for the audit log: `stdio` or `http`.
+    """Serves one fleet to agents. The audit log is open; `place` is where requests come from, `stdio` or `http`.
 
     Attributes:
         server: the SDK's server, with all resources and tools.

@@ -17,12 +17,7 @@ class Severity(enum.StrEnum):
 
 
 class Diagnostic(NamedTuple):
-    """The result of one check.
-
-    Attributes:
-        area: the subject, such as `clock` or `devices`.
-        advice: the remedy; empty if none is needed.
-    """
+    """The result of one check. Its area is the subject, such as `clock`; its advice is empty if none is needed."""
 
     level: Severity
     area: str

@@ -48,7 +48,6 @@ class HandDriver:
     """Drives robots until its device is unplugged.
 
     Args:
-        fleet: a connected fleet.
         robots: the robots; the group button chooses all of them or one after another.
 
     Thread: `run` blocks its caller; the dead-man's switch has a thread of its own.

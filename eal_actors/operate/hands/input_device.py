@@ -19,12 +19,7 @@ _FOLDER: Final = Path("/dev/input")
 
 @dataclass(frozen=True, slots=True)
 class InputSource:
-    """An open device.
-
-    Attributes:
-        fd: its descriptor, which does not block.
-        ranges: of its axes, by code.
-    """
+    """An open device. Its descriptor does not block; `ranges` are those of its axes, by code."""
 
     name: str
     fd: int

@@ -74,11 +74,8 @@ class Sticks:
     """The deflection of a device: ahead and to the left, from -1 to 1, while its dead-man is held.
 
     The dead-man of a gamepad is a shoulder button; of a keyboard, the keys that drive. After lost events nothing is
-    held until it is released and pressed again.
-
-    Args:
-        ranges: of the axes by code.
-        expo: the curve of the stick, from 0, linear, to 1, cubic.
+    held until it is released and pressed again. `ranges` are those of the axes by code; `expo` is the curve of the
+    stick, from 0, linear, to 1, cubic.
 
     Attributes:
         press: counts the times that the dead-man was pressed.

@@ -33,9 +33,6 @@ class FleetMap(anywidget.AnyWidget):
 
     It follows the fleet between its construction and `close`, or the end of the fleet.
 
-    Args:
-        fleet: a connected fleet.
-
     Thread: a thread of its own asks the robots, five times a second.
     """
 

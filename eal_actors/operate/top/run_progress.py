@@ -15,8 +15,6 @@ class RunProgress:
 
     Attributes:
         calls: the number of calls if nothing fails, as far as it was known at the start.
-        done: the number of calls that have ended.
-        failed: the number of steps that have failed.
         steps: the current steps by robot; "" stands for the run itself.
         outcome: the outcome; None while the run is active.
     """

@@ -152,9 +152,7 @@ class StepGroup:
     """Tasks that begin together, and that another task waits for.
 
     Args:
-        context: the context of the step that begins them.
         until: `all`, `first` or a signal.
-        timeout_s: their time limit; None for none.
 
     Attributes:
         late: the robots that were at work when the time was up; None if the tasks ended in time.

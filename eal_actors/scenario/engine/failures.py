@@ -23,10 +23,6 @@ from eal_actors.scenario.report.summary import ErrorReport, StepOutcome
 class StepFailure:
     """The failed attempts of one step by one robot, and what follows from them.
 
-    Args:
-        action: the step as the robot performs it.
-        robot: the robot; None outside of `on`.
-
     Attributes:
         error: why the last attempt failed.
     """

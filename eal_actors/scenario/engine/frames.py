@@ -104,7 +104,6 @@ class StepTask:
         parent: the task that waits for it; None for the main one.
         slot: of the robot whose steps they are; None outside of `on`.
         repeats: the block that they are an attempt of, if a failure repeats it.
-        pending: the futures that it waits for.
         touched: the resources of its robot that it, or a task inside it, has called.
         touches_all: it may have called any resource.
         is_stopped: it begins no more steps.

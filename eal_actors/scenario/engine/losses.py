@@ -30,9 +30,7 @@ class Losses:
     """The robots of other processes that are out of reach. Everything but `_hear` runs in the loop's thread.
 
     Args:
-        robots: the robots of other processes.
         lost_after_s: time out of reach after which a step fails, by the fleet's clock.
-        wait: waits for a future, until the run, the task or the robot is stopped.
     """
 
     def __init__(

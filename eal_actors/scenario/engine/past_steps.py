@@ -47,7 +47,6 @@ class PastSteps:
     Attributes:
         ended: the steps that were over, in their order.
         readings: the values that were read for conditions, loops and variables, in their order.
-        under_way: the steps that were under way.
         begun: how often each robot had begun each step.
     """
 

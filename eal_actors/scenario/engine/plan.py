@@ -13,7 +13,7 @@ from eal_actors.kernel.errors import ConfigError, EALError, Problem, RobotFailed
 from eal_actors.scenario.engine.python_functions import StepFunction
 from eal_actors.scenario.language.binding import Binding, RobotFacts, Wishes, bind, match_roles
 from eal_actors.scenario.language.parameters import missing_parameters, with_parameters
-from eal_actors.scenario.language.robot_check import check_on_robots
+from eal_actors.scenario.language.robot_check import RobotCheck
 from eal_actors.scenario.language.scenario import Scenario
 from eal_actors.scenario.language.values import final_action
 
@@ -27,7 +27,6 @@ class Plan:
         robots: the robots of all roles, in the order of the fleet, spares included.
         lost: the errors of robots that did not start, by name; empty unless the scenario continues without them.
         calls: number of calls if nothing fails, as far as it is known, with those of `finally`.
-        python: the functions of its Python steps, by name.
     """
 
     scenario: Scenario
@@ -48,11 +47,8 @@ def make_plan(
 ) -> Plan:
     """Bind the roles, and check every call with every value of every loop on every robot.
 
-    Args:
-        scenario: the scenario.
-        fleet: a connected fleet.
-        binding: robots by role, in place of the criteria of the role.
-        parameters: values of the scenario's parameters, in place of those that it was loaded with.
+    The fleet is connected. `binding` are robots by role in place of the role's criteria, `parameters` values in place
+    of those of the scenario.
 
     Raises:
         ConfigError: with everything that the fleet cannot do, each with its position in the scenario file.
@@ -79,7 +75,7 @@ def make_plan(
         *unfit,
         *unusable,
         *scenario.shared_robots(bound.roles),
-        *check_on_robots(scenario, bound, facts, seed=fleet.config.seed, world=fleet.config.world),
+        *RobotCheck(facts, bound, fleet.config.world).problems_of(scenario, fleet.config.seed),
     ]:
         raise ConfigError(problems)
     live = {role: sum(robot not in lost for robot in names) for role, names in bound.roles.items()}

@@ -343,13 +343,7 @@ def run_scenario(
 ) -> Report:
     """Run a scenario from beginning to end. Ctrl-C aborts it, and is raised again after its end.
 
-    Args:
-        scenario: a scenario, or its file.
-        fleet: a connected fleet.
-        directory: as for `Run`.
-        listeners: as for `Run`.
-        parameters: values of its parameters, in place of their defaults.
-        binding: robots by role, in place of the criteria of the role.
+    Arguments as for `Run`; `parameters` and `binding` as for `make_plan`.
 
     Raises:
         ConfigError: the problems of the file, or what the fleet cannot do.

@@ -147,11 +147,7 @@ class Signals:
 
 
 class PauseControl:
-    """Decides whether steps may begin: pauses, and single steps.
-
-    Args:
-        emit: records an event, which it makes from the seconds since the run's start.
-    """
+    """Decides whether steps may begin: pauses, and single steps."""
 
     def __init__(self, clock: Clock, emit: Callable[[Callable[[float], RunEvent]], float]) -> None:
         self._clock = clock

@@ -30,12 +30,7 @@ class RobotFacts:
 
 @dataclass(frozen=True, slots=True)
 class Binding:
-    """The robots that take part.
-
-    Attributes:
-        roles: the robots of each role, in the order of the fleet.
-        spares: the robots kept in reserve for each role.
-    """
+    """The robots that take part. Robots are in the order of the fleet; spares are kept in reserve."""
 
     roles: Mapping[str, tuple[str, ...]]
     spares: Mapping[str, tuple[str, ...]]

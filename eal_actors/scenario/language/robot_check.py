@@ -44,12 +44,7 @@ class Location(NamedTuple):
 
 
 class CheckedCall(NamedTuple):
-    """A call to check, with the locations of its parts.
-
-    Attributes:
-        method: of the resource API.
-        given: the arguments; None if they are not known.
-    """
+    """A call to check, with the locations of its parts. The arguments are None if they are not known."""
 
     method: str
     resource: str
@@ -70,7 +65,6 @@ class RobotScope:
 
     Attributes:
         roles: the robots of its roles, spares included.
-        values: the values that are known before the run.
         groups: the robots of the `on` around it; those with the same resources are in one group.
         is_of_one: each robot runs the scenario by itself.
     """
@@ -87,32 +81,13 @@ class RobotScope:
         return all(map(self.values.is_known, expressions))
 
 
-def check_on_robots(
-    scenario: Scenario,
-    bound: Binding,
-    robots: Mapping[str, RobotFacts],
-    *,
-    seed: int = 0,
-    world: WorldModel | None = None,
-) -> list[Problem]:
-    """Return what the robots cannot do: every call, with every value of every loop around it.
-
-    Values that arise only during the run are not checked, nor are robots without `RobotFacts`. The seed and the world
-    are those of the fleet.
-    """
-    check = RobotCheck(robots, bound, world)
-    everyone = {role: (*names, *bound.spares.get(role, ())) for role, names in bound.roles.items()}
-    with check.budget.applied():
-        check.visit_file(RobotScope(scenario, everyone, StaticValues({**scenario.parameters, "run": {"seed": seed}})))
-    return check.problems()
-
-
 class RobotCheck:
-    """A walk through the steps with the robots that come to them."""
+    """A walk through the steps with the robots that come to them; robots without facts are not checked."""
 
     def __init__(self, robots: Mapping[str, RobotFacts], bound: Binding, world: WorldModel | None) -> None:
         self.budget = WorkBudget("the expressions of this scenario", MAX_WORK)
         self._robots = robots
+        self._bound = bound
         self._world = world
         self._spares = {spare for names in bound.spares.values() for spare in names}
         self._kinds = _number_kinds(robots)
@@ -120,8 +95,16 @@ class RobotCheck:
         self._answers: dict[tuple[Any, ...], str | None] = {}
         self._spent = 0
 
-    def problems(self) -> list[Problem]:
-        """Return one problem for each location and message, with the names of the robots."""
+    def problems_of(self, scenario: Scenario, seed: int = 0) -> list[Problem]:
+        """Return what the robots cannot do: every call, with every value of every loop around it.
+
+        Values that arise only during the run are not checked. Each location and message is one problem, with the names
+        of the robots. The seed is the fleet's.
+        """
+        everyone = {role: (*names, *self._bound.spares.get(role, ())) for role, names in self._bound.roles.items()}
+        with self.budget.applied():
+            values = StaticValues({**scenario.parameters, "run": {"seed": seed}})
+            self.visit_file(RobotScope(scenario, everyone, values))
         return [
             make(f"{_list_robots(robots)}: {message}" if robots else message)
             for (_, _, message), (make, robots) in self._found.items()

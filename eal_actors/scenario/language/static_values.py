@@ -52,7 +52,6 @@ class StaticValues:
         loops: the loops around the step, from the outermost.
         guards: the conditions around it.
         facts: the variables of the robot; empty while a step is checked for many robots at once.
-        has_facts: it is inside an `on`.
     """
 
     constants: Mapping[str, object]

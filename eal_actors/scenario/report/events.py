@@ -48,11 +48,8 @@ class RunStarted(RunEvent, kind="run_started"):
     """The run has begun.
 
     Attributes:
-        scenario_file: its file, as it was given.
         scenario_hash: SHA-256 of the content of the scenario and its parts, in hexadecimal.
-        fleet_file: its file, as it was given.
         rate: seconds of the fleet's clock in one real second, or `max`.
-        roles: the robots of each role.
         spares: the robots kept in reserve for each role.
         robots: the robots bound, those lost from the start and spares included.
         calls: number of calls if nothing fails, as far as it is known before the run.
@@ -77,7 +74,6 @@ class RunContinued(RunEvent, kind="run_continued"):
     """An interrupted run was resumed.
 
     Attributes:
-        first_step: index of the top-level step at which it continues.
         wall_continued: wall time in UTC, ISO 8601.
         scenario, fleet, robots, calls: as in RunStarted.
     """
@@ -95,7 +91,6 @@ class Checkpoint(RunEvent, kind="checkpoint"):
     """A step of the top level has ended; the state of the run after it.
 
     Attributes:
-        next_step: index of the next step.
         variables: those of the run, by name.
         seats: by role, the robot of each slot and the variables of the slot.
         signals: by name, how often each was given, and its last value.
@@ -113,12 +108,8 @@ class Checkpoint(RunEvent, kind="checkpoint"):
 class StepStarted(RunEvent, kind="step_started"):
     """A step has begun. Blocks and instant steps have no events.
 
-    Attributes:
-        robot: the robot's name; None outside of `on`.
-        step: path of the step in the scenario file.
-        branch: the innermost branch of a `parallel` around it.
-        resource: for calls.
-        command: the text argument of a call.
+    Without a robot it is outside of `on`; `step` is its path in the scenario file, `branch` the innermost of a
+    `parallel` around it.
     """
 
     robot: str | None
@@ -135,10 +126,7 @@ class StepStarted(RunEvent, kind="step_started"):
 class StepRetried(RunEvent, kind="step_retried"):
     """An attempt at a step has failed, and another follows after the back-off.
 
-    Attributes:
-        robot: the robot's name; None outside of `on`.
-        step: path of the step in the scenario file.
-        attempt: number of the attempt that failed, from 1.
+    `attempt` is the number of the one that failed, from 1.
     """
 
     robot: str | None
@@ -177,12 +165,7 @@ class StepEnded(RunEvent, kind="step_ended"):
 
 @dataclass(frozen=True, slots=True)
 class Readings(RunEvent, kind="readings"):
-    """Values were read for a condition, a loop or a variable; a resumed run takes the same way.
-
-    Attributes:
-        step: path of the condition, loop or step.
-        values: by the text of the reading.
-    """
+    """Values were read for a condition, a loop or a variable; a resumed run takes the same way."""
 
     robot: str
     step: str
@@ -198,11 +181,7 @@ class StartedTogether(RunEvent, kind="started_together"):
 
 @dataclass(frozen=True, slots=True)
 class Signalled(RunEvent, kind="signal"):
-    """A signal was given.
-
-    Attributes:
-        robot: the robot that gave it; None outside of `on`.
-    """
+    """A signal was given."""
 
     robot: str | None
     name: str
@@ -220,12 +199,7 @@ class RobotDropped(RunEvent, kind="robot_dropped"):
 
 @dataclass(frozen=True, slots=True)
 class RobotReplaced(RunEvent, kind="robot_replaced"):
-    """A spare has replaced a robot.
-
-    Attributes:
-        robot: the robot that leaves.
-        by: the spare.
-    """
+    """A spare, `by`, has replaced a robot, which leaves."""
 
     robot: str
     by: str
@@ -250,11 +224,7 @@ class RobotReturned(RunEvent, kind="robot_returned"):
 
 @dataclass(frozen=True, slots=True)
 class LogLine(RunEvent, kind="log"):
-    """A line of text for those who watch the run.
-
-    Attributes:
-        robot: the robot that performs the step; None outside of `on`.
-    """
+    """A line of text for those who watch the run."""
 
     robot: str | None
     text: str

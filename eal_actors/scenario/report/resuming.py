@@ -23,8 +23,6 @@ class Resumption:
     Attributes:
         started: the fields of its event `run_started`.
         first_step: index of the top-level step at which it continues.
-        was_begun: that step had begun.
-        time_s: the time of its last event.
         since: the events after the last checkpoint.
         slots: by role, the robot of each slot and the variables of the slot.
         signals: by name, how often each was given, and its last value.

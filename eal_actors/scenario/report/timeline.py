@@ -16,9 +16,7 @@ class TimelineEntry:
     """One line of a timeline.
 
     Attributes:
-        step: path of the step.
         kind: the kind of the step; `branch` for a branch of a `parallel`, `then` and `else` for those of `if`.
-        text: what it does, for people.
         robots: the robots that do it; empty outside of `on`.
         calls: number of its calls if nothing fails; None if it is known only during the run.
         unknown: the variables and readings that are known only during the run.
@@ -43,11 +41,7 @@ StepTimeline: TypeAlias = tuple[tuple[str, ...], tuple[TimelineEntry, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Timeline:
-    """The timeline of a plan.
-
-    Attributes:
-        ending: those of `finally`.
-    """
+    """The timeline of a plan."""
 
     steps: tuple[TimelineEntry, ...]
     ending: tuple[TimelineEntry, ...]
@@ -62,11 +56,7 @@ class Timeline:
 
 @dataclass(frozen=True, slots=True)
 class TimelineBuilder:
-    """Makes the entries for the steps of one scenario.
-
-    Attributes:
-        roles: the robots of each role.
-    """
+    """Makes the entries for the steps of one scenario."""
 
     scenario: Scenario
     roles: Mapping[str, Sequence[str]]

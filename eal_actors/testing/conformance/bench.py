@@ -170,11 +170,7 @@ def settings_of(settings: Mapping[str, Any]) -> YamlTree:
 
 @dataclass
 class Findings:
-    """Findings of a check.
-
-    Attributes:
-        tried: number of things checked; a check with none counts as skipped.
-    """
+    """Findings of a check. `tried` counts what was checked; a check with none counts as skipped."""
 
     problems: list[str] = field(default_factory=list)
     tried: int = 0

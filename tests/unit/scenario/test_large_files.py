@@ -10,7 +10,7 @@ import pytest
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.scenario import Scenario, load_scenario
 from eal_actors.scenario.language.binding import Binding, RobotFacts
-from eal_actors.scenario.language.robot_check import check_on_robots
+from eal_actors.scenario.language.robot_check import RobotCheck
 from tests.unit.scenario.test_robots import ROBOTS
 
 HEAD = "version: 1\nname: x\nroles: {all: {}}\n"
@@ -35,7 +35,7 @@ def test_ten_thousand_steps_on_a_hundred_robots(tmp_path: Path) -> None:
 
     robots = {f"r{number}": RobotFacts(dict(ROBOTS["a"].resources)) for number in range(100)}
     start_s = time.process_time()
-    assert check_on_robots(scenario, Binding({"all": tuple(robots)}, {}), robots) == []
+    assert RobotCheck(robots, Binding({"all": tuple(robots)}, {}), None).problems_of(scenario) == []
     assert time.process_time() - start_s < 5.0
 
 
@@ -47,7 +47,7 @@ def nested(depth: int, inner: str) -> str:
 def test_sixty_blocks_inside_each_other_are_fine(tmp_path: Path) -> None:
     scenario = load(tmp_path, nested(60, "{log: x}"))
 
-    assert check_on_robots(scenario, Binding({"all": ("a",)}, {}), {"a": ROBOTS["a"]}) == []
+    assert RobotCheck({"a": ROBOTS["a"]}, Binding({"all": ("a",)}, {}), None).problems_of(scenario) == []
 
 
 @pytest.mark.parametrize("depth", [100, 1000, 20_000])

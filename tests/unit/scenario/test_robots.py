@@ -11,7 +11,7 @@ from eal_actors.kernel.errors import ConfigError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import Scenario, load_scenario
 from eal_actors.scenario.language.binding import Binding, RobotFacts, find_candidates
-from eal_actors.scenario.language.robot_check import check_on_robots
+from eal_actors.scenario.language.robot_check import RobotCheck
 
 ANGLE = ValueInfo(DataType.DOUBLE, "deg", 0, 360)
 BASE = ResourceInfo(
@@ -55,7 +55,7 @@ def steps(*lines: str) -> str:
 
 
 def problems(folder: Path, body: str, robots: Mapping[str, RobotFacts] = ROBOTS) -> list[str]:
-    found = check_on_robots(scenario(folder, body), Binding({"all": tuple(robots)}, {}), robots)
+    found = RobotCheck(robots, Binding({"all": tuple(robots)}, {}), None).problems_of(scenario(folder, body))
     return [str(problem).removeprefix(f"{folder}/s.yaml:") for problem in found]
 
 

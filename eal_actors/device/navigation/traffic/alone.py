@@ -27,13 +27,8 @@ def way_alone(
 ) -> tuple[Point, ...] | None:
     """Return the places on a short way to the goal, without the start; None if the lattice must find one.
 
-    They are as near to each other as those of the lattice, so that a robot that is sent later waits no longer.
-
-    Args:
-        grid: the map, not inflated.
-        traveller: the robot.
-        standing: what else is on the floor.
-        margin_m: distance that hulls keep from each other.
+    They are as near to each other as those of the lattice, so that a robot that is sent later waits no longer. The grid
+    is not inflated; hulls keep `margin_m` from each other.
     """
     cells = grid.cells.copy()
     for thing in standing:

@@ -33,11 +33,7 @@ def find_bridges(
 ) -> tuple[Bridge, ...]:
     """Return the shortest bridges that connect what the map connects.
 
-    Args:
-        inflated: the map for the centre of the largest robot.
-        points: the places of the lattice.
-        edges: the ways between them.
-        longest_m: length of the longest straight piece.
+    `inflated` is the map for the centre of the largest robot; `points` and `edges` are the lattice.
     """
     cells = inflated.cells
     return _find(cells.tobytes(), cells.shape, inflated.resolution_m, inflated.origin, (*points,), (*edges,), longest_m)
@@ -81,12 +77,8 @@ def way_out(
 ) -> tuple[list[Point], int] | None:
     """Return the points between a niche and the nearest place of the lattice, and that place; None if no way is free.
 
-    Args:
-        inflated: the map for the robot's centre.
-        niche: where no place is in sight.
-        points: the places of the lattice.
-        discs: what else stands.
-        longest_m: length of the longest straight piece.
+    `inflated` is the map for the robot's centre, `points` are the places of the lattice, none of which is in sight of
+    the niche, and `discs` what else stands.
     """
     cells, half_m = inflated.cells.copy(), inflated.resolution_m / math.sqrt(2)
     centres = inflated.centres(np.argwhere(np.ones_like(inflated.blocked))) if discs else np.empty((0, 2))

@@ -11,11 +11,7 @@ from eal_actors.kernel.errors import ArgumentError
 
 
 class TrafficError(ArgumentError):
-    """Some robots cannot all reach their goals.
-
-    Attributes:
-        robots: their names; empty if it is about all of them.
-    """
+    """Some robots cannot all reach their goals. `robots` is empty if it is about all of them."""
 
     def __init__(
         self, message: str = "", *, robots: Sequence[str] = (), robot: str | None = None, resource: str | None = None

@@ -18,9 +18,6 @@ from eal_actors.device.navigation.traffic.problem import FAR, NOBODY, TrafficPro
 class StepGenerator:
     """Generates configurations: the places of all travellers one step later.
 
-    Args:
-        random_numbers: breaks ties.
-
     Attributes:
         work: the number of travellers placed so far.
     """
@@ -42,10 +39,8 @@ class StepGenerator:
     ) -> tuple[int, ...] | None:
         """Return the next configuration; None if there is none under the constraints.
 
-        Args:
-            now: the place of each traveller.
-            order: the travellers, the highest priority first.
-            fixed: travellers and where they must be next.
+        `now` has the place of each traveller; `order` has the highest priority first; `fixed` travellers must be where
+        it says.
         """
         places = len(self._problem.neighbours)
         self._now = now

@@ -91,11 +91,7 @@ class Roadmap:
 class RoadmapBuilder:
     """Builds the roadmap for some robots.
 
-    Args:
-        grid: the map, not inflated.
-        travellers: the robots that are to drive, at least one.
-        standing: what else is on the floor.
-        margin_m: distance that hulls keep from each other.
+    The grid is not inflated, there is at least one traveller, and hulls keep `margin_m` from each other.
     """
 
     def __init__(

@@ -16,9 +16,6 @@ _SLACK_STEPS = 16
 class Timetable:
     """The paths of travellers, by step and place.
 
-    Args:
-        paths: a valid plan.
-
     Attributes:
         work: the number of places and steps looked at so far.
     """

@@ -63,7 +63,6 @@ class WorkBudget:
 
     Args:
         purpose: names the expressions in messages, such as `the expressions of this run`.
-        limit: the work at any time.
         earned: returns additional work that is allowed by now.
 
     Attributes:
@@ -135,12 +134,7 @@ def require_small(value: object, what: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Namespace:
-    """The variables of an expression, and the readings that it needs.
-
-    Attributes:
-        variables: by name; `run` is a mapping.
-        readings: the answers of the robot.
-    """
+    """The variables of an expression, and the readings that it needs."""
 
     variables: Mapping[str, object]
     readings: Mapping[RobotReading, object] = field(default_factory=dict)
@@ -359,11 +353,7 @@ def bare_expressions(value: object) -> list[Expression]:
 
 
 class LocatedExpression(NamedTuple):
-    """An expression in a step.
-
-    Attributes:
-        keys: the keys from the step to the text that holds it.
-    """
+    """An expression in a step. The keys lead from the step to the text that holds it."""
 
     expression: Expression
     keys: YamlPath

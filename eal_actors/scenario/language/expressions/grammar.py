@@ -70,9 +70,7 @@ class Name(NamedTuple):
 class RobotReading(NamedTuple):
     """A call of the robot in an expression.
 
-    Attributes:
-        method: a method of the resource API.
-        argument: the key or request; None for a value or status.
+    It is a method of the resource API, with the key or request as its argument.
     """
 
     method: str
@@ -91,7 +89,6 @@ class Expression:
     """A parsed expression.
 
     Attributes:
-        text: as written in the file.
         tree: its syntax tree; None if it does not parse.
         names: its variables, each at its first position.
         readings: its calls of the robot, with their offsets.
