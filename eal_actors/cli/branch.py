@@ -14,8 +14,8 @@ from eal_actors.cli.output import counted, print_line, stderr, stdout, write_jso
 from eal_actors.cli.progress import STYLES
 from eal_actors.cli.records import RunArgument, reading_run
 from eal_actors.cli.run_options import RunsDirOption
-from eal_actors.lab.branching import BranchRequest, bisect, branch
-from eal_actors.lab.branching.branch import parse_fault
+from eal_actors.lab.branching.bisect import bisect
+from eal_actors.lab.branching.branch import BranchRequest, branch, parse_fault
 from eal_actors.recording import RunFolder
 from eal_actors.recording.provenance import kept_scenario
 from eal_actors.scenario import load_scenario

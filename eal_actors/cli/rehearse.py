@@ -17,8 +17,8 @@ from eal_actors.cli.output import counted, new_table, print_line, stderr, stdout
 from eal_actors.cli.progress import STYLES
 from eal_actors.cli.run_options import RunOptions, RunRequest, read_request
 from eal_actors.cli.work import work_progress
-from eal_actors.lab.rehearsal import ClosestApproach, Incident, Rehearsal, rehearse
-from eal_actors.lab.rehearsal.proximity import TOUCH_M
+from eal_actors.lab.rehearsal.proximity import TOUCH_M, ClosestApproach
+from eal_actors.lab.rehearsal.rehearse import Incident, Rehearsal, rehearse
 from eal_actors.managers.twins import SimulatedFleet, simulated
 from eal_actors.scenario import Scenario, StepRecord
 from eal_actors.scenario.language.binding import bound_robots

@@ -15,7 +15,8 @@ from eal_actors.scenario import Plan
 from eal_actors.scenario.language.binding import bound_robots
 
 if TYPE_CHECKING:
-    from eal_actors.lab.lookahead import Lookahead, LookaheadOptions, Script
+    from eal_actors.lab.lookahead.script import Script
+    from eal_actors.lab.lookahead.watching import Lookahead, LookaheadOptions
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +28,7 @@ class Ahead:
 
     def watcher(self, fleet: Fleet, plan: Plan) -> Lookahead:
         """Return the look-ahead of a run."""
-        from eal_actors.lab.lookahead import Lookahead
+        from eal_actors.lab.lookahead.watching import Lookahead
 
         return Lookahead(
             fleet, tuple(name for name in plan.robots if name not in plan.lost), self.scripts, self.options
@@ -49,7 +50,8 @@ def rehearse_ahead(request: RunRequest, horizon_s: float | None, *, holds: bool)
         raise typer.BadParameter(
             "not with --resume: the rehearsal begins at the first step", param_hint="'--lookahead'"
         )
-    from eal_actors.lab.lookahead import LookaheadOptions, rehearse_scripts  # numpy, which few runs need
+    from eal_actors.lab.lookahead.script import rehearse_scripts
+    from eal_actors.lab.lookahead.watching import LookaheadOptions
 
     twins = simulated(request.config, bound_robots(request.scenario, request.config, request.binding))
     scripts = rehearse_scripts(request.scenario, twins, request.binding)

@@ -19,18 +19,11 @@ from eal_actors.cli.run_options import RunOptions, read_request
 from eal_actors.cli.work import work_progress
 from eal_actors.kernel.bundled import short_path
 from eal_actors.kernel.errors import ConfigError
-from eal_actors.lab.sweeping import (
-    Sweep,
-    SweepFolder,
-    SweepResult,
-    read_seeds,
-    read_variations,
-    write_csv,
-    write_junit,
-)
-from eal_actors.lab.sweeping.folder import LOG
+from eal_actors.lab.sweeping.folder import LOG, SweepFolder
 from eal_actors.lab.sweeping.plot import draw_sweep
-from eal_actors.lab.sweeping.results import CRASHED, REFUSED
+from eal_actors.lab.sweeping.results import CRASHED, REFUSED, SweepResult, write_csv, write_junit
+from eal_actors.lab.sweeping.sweep import Sweep
+from eal_actors.lab.sweeping.variations import read_seeds, read_variations
 from eal_actors.lab.sweeping.worker import SweepTask, SweepWorker
 from eal_actors.lab.worker_pool import run_all
 from eal_actors.managers.twins import simulated

@@ -19,7 +19,9 @@ from tempfile import TemporaryDirectory
 
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.bundled import bundled_path
-from eal_actors.lab.lookahead import ForeseenEvent, Lookahead, LookaheadOptions, Script, rehearse_scripts
+from eal_actors.lab.lookahead.forecast import ForeseenEvent
+from eal_actors.lab.lookahead.script import Script, rehearse_scripts
+from eal_actors.lab.lookahead.watching import Lookahead, LookaheadOptions
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.twins import simulated

@@ -17,7 +17,7 @@ import pytest
 
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ConfigError
-from eal_actors.lab.sweeping import read_seeds, read_variations
+from eal_actors.lab.sweeping.variations import read_seeds, read_variations
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import load_scenario, parse_scenario, run_scenario
 

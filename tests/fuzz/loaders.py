@@ -12,7 +12,8 @@ from eal_actors.kernel.errors import ConfigError
 from eal_actors.kernel.yaml_source import parse_yaml
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.manifest import read_manifest
-from eal_actors.scenario.language.expressions import parse_bare, parse_template
+from eal_actors.scenario.language.expressions.evaluation import parse_bare
+from eal_actors.scenario.language.expressions.grammar import parse_template
 from eal_actors.scenario.language.loading import parse_scenario
 
 ROOT = Path(__file__).parents[2]

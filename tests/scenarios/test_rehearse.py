@@ -18,7 +18,8 @@ from eal_actors.device.proximity import ProximityObserver
 from eal_actors.device.world import load_world
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.errors import ConfigError
-from eal_actors.lab.rehearsal import ProximityRecorder, Rehearsal, rehearse
+from eal_actors.lab.rehearsal.proximity import ProximityRecorder
+from eal_actors.lab.rehearsal.rehearse import Rehearsal, rehearse
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.twins import simulated

@@ -15,7 +15,7 @@ from eal_actors.kernel.strict_model import StrictModel
 from eal_actors.scenario import Timeline, load_scenario, make_plan, scenario_schema
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
-from eal_actors.scenario.language.expressions import render
+from eal_actors.scenario.language.expressions.evaluation import render
 from eal_actors.scenario.language.scenario import Keys, ScenarioFile, Show, Step
 from eal_actors.scenario.language.values import Seconds, VariableName, Wanted
 from eal_actors.scenario.steps import registry

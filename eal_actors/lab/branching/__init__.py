@@ -3,8 +3,3 @@
 A run at `--rate max` repeats to the bit. So `branch` repeats it up to a time and changes something then; `bisect`
 repeats it with other versions of its scenario, or of the framework.
 """
-
-from eal_actors.lab.branching.bisect import Bisection, bisect
-from eal_actors.lab.branching.branch import Branch, BranchRequest, branch
-
-__all__ = ["Bisection", "Branch", "BranchRequest", "bisect", "branch"]

@@ -6,19 +6,3 @@ with Lookahead(fleet, plan.robots, scripts) as lookahead:
     lookahead.attach(run)
     report = run.start().get()
 """
-
-from eal_actors.lab.lookahead.forecast import Forecast, ForeseenEvent, PresentState, forecast
-from eal_actors.lab.lookahead.script import Script, ScriptStep, rehearse_scripts
-from eal_actors.lab.lookahead.watching import Lookahead, LookaheadOptions
-
-__all__ = [
-    "Forecast",
-    "ForeseenEvent",
-    "Lookahead",
-    "LookaheadOptions",
-    "PresentState",
-    "Script",
-    "ScriptStep",
-    "forecast",
-    "rehearse_scripts",
-]

@@ -3,15 +3,3 @@
 twins = simulated(EALConfigManager.load("fleets/sim.yaml").fleet, ["roomba-1"])
 rehearsal = rehearse(load_scenario("scenarios/dance.yaml"), twins, margin_m=0.1, seed=1)
 """
-
-from eal_actors.lab.rehearsal.proximity import ClosestApproach, ProximityEvent, ProximityRecorder
-from eal_actors.lab.rehearsal.rehearse import Incident, Rehearsal, rehearse
-
-__all__ = [
-    "ClosestApproach",
-    "Incident",
-    "ProximityEvent",
-    "ProximityRecorder",
-    "Rehearsal",
-    "rehearse",
-]

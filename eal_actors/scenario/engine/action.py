@@ -10,7 +10,8 @@ from eal_actors.actors.future import Future
 from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.frames import ExecutionContext, Participant
 from eal_actors.scenario.engine.loop import Coroutine
-from eal_actors.scenario.language.expressions import Expression, Namespace, expressions_in, render
+from eal_actors.scenario.language.expressions.evaluation import Namespace, expressions_in, render
+from eal_actors.scenario.language.expressions.grammar import Expression
 from eal_actors.scenario.language.values import Wanted, checked_number
 
 

@@ -12,7 +12,8 @@ from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.executor import perform_step
 from eal_actors.scenario.engine.frames import ExecutionContext
 from eal_actors.scenario.engine.loop import Coroutine
-from eal_actors.scenario.language.expressions import Expression, Namespace, expressions_in, render
+from eal_actors.scenario.language.expressions.evaluation import Namespace, expressions_in, render
+from eal_actors.scenario.language.expressions.grammar import Expression
 from eal_actors.scenario.language.scenario import FallibleModel
 from eal_actors.scenario.language.values import checked_number
 

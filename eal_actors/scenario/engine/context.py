@@ -19,14 +19,8 @@ from eal_actors.scenario.engine.losses import Emit, Losses
 from eal_actors.scenario.engine.past_steps import PastSteps
 from eal_actors.scenario.engine.plan import Plan
 from eal_actors.scenario.engine.synchronization import Barriers, PauseControl, Signals
-from eal_actors.scenario.language.expressions import (
-    Expression,
-    Namespace,
-    RobotReading,
-    WorkBudget,
-    WorkLimitError,
-    size_of,
-)
+from eal_actors.scenario.language.expressions.evaluation import Namespace, WorkBudget, WorkLimitError, size_of
+from eal_actors.scenario.language.expressions.grammar import Expression, RobotReading
 from eal_actors.scenario.report.events import LogLine, Readings, RobotDropped, RobotReplaced
 from eal_actors.scenario.report.records import is_recordable, to_record
 from eal_actors.scenario.report.summary import ErrorReport, StartReport, StepRecord

@@ -16,7 +16,7 @@ from eal_actors.device.info import ResourceInfo
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import EALError, ScenarioError
 from eal_actors.scenario.engine.plan import Plan
-from eal_actors.scenario.language.expressions import RobotReading
+from eal_actors.scenario.language.expressions.grammar import RobotReading
 from eal_actors.scenario.language.scenario import Step
 from eal_actors.scenario.report.records import from_record
 from eal_actors.scenario.report.resuming import Resumption

@@ -14,7 +14,7 @@ from eal_actors.device.data.texts import range_text
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_tree import YamlTree, show
-from eal_actors.scenario.language.expressions import parse_template
+from eal_actors.scenario.language.expressions.grammar import parse_template
 from eal_actors.scenario.language.scenario import Scenario, ScenarioFile
 from eal_actors.scenario.language.sections import ParameterSection
 

@@ -17,9 +17,8 @@ from eal_actors.device.world import WorldModel
 from eal_actors.kernel.errors import EALError, PlaceNotFoundError, Problem
 from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.language.binding import Binding, RobotFacts
-from eal_actors.scenario.language.expressions import (
+from eal_actors.scenario.language.expressions.evaluation import (
     MAX_WORK,
-    Expression,
     LocatedExpression,
     Namespace,
     WorkBudget,
@@ -27,6 +26,7 @@ from eal_actors.scenario.language.expressions import (
     expressions_in,
     render,
 )
+from eal_actors.scenario.language.expressions.grammar import Expression
 from eal_actors.scenario.language.scenario import RobotsByRole, Scenario, Step
 from eal_actors.scenario.language.static_values import MAX_COMBINATIONS, StaticValues, TooManyCombinationsError
 from eal_actors.scenario.language.values import Wanted, number_problem

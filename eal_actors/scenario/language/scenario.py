@@ -19,7 +19,7 @@ from eal_actors.kernel.suggestions import nearest
 from eal_actors.kernel.yaml_tree import Mark, YamlPath, YamlTree, format_path, parse_path
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.scenario.engine.python_functions import StepFunction
-from eal_actors.scenario.language.expressions import LocatedExpression, locate_expressions
+from eal_actors.scenario.language.expressions.evaluation import LocatedExpression, locate_expressions
 from eal_actors.scenario.language.sections import ParameterSection, RoleSection
 from eal_actors.scenario.language.values import MIN_ITEMS, NOT_EMPTY, Held, OnFailure, OnLost, VariableName, Wanted
 from eal_actors.scenario.language.wording import show_value

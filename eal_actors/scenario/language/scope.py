@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 from eal_actors.kernel.errors import EALError, Problem
 from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_tree import YamlPath
-from eal_actors.scenario.language.expressions import (
+from eal_actors.scenario.language.expressions.evaluation import (
     MAX_WORK,
     LocatedExpression,
     Namespace,
@@ -22,10 +22,9 @@ from eal_actors.scenario.language.expressions import (
     evaluate,
     expressions_in,
     locate_expressions,
-    parse_template,
 )
 from eal_actors.scenario.language.expressions.functions import CONSTANTS, FUNCTIONS
-from eal_actors.scenario.language.expressions.grammar import READINGS
+from eal_actors.scenario.language.expressions.grammar import READINGS, parse_template
 from eal_actors.scenario.language.parameters import unit_problem
 from eal_actors.scenario.language.scenario import Scenario, Step
 from eal_actors.scenario.language.values import OnFailure, final_action

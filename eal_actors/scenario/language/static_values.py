@@ -8,14 +8,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 from eal_actors.kernel.errors import EALError, ScenarioError
-from eal_actors.scenario.language.expressions import (
-    Expression,
-    Namespace,
-    evaluate,
-    expressions_in,
-    render,
-    to_plain,
-)
+from eal_actors.scenario.language.expressions.evaluation import Namespace, evaluate, expressions_in, render, to_plain
+from eal_actors.scenario.language.expressions.grammar import Expression
 from eal_actors.scenario.language.scenario import Scenario
 from eal_actors.scenario.language.scope import ROBOT_FACTS
 

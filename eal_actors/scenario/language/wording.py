@@ -7,14 +7,9 @@ from typing import Final
 
 from eal_actors.device.data import EALData
 from eal_actors.kernel.errors import EALError
-from eal_actors.scenario.language.expressions import (
-    Expression,
-    Namespace,
-    expressions_in,
-    parse_template,
-    render,
-)
+from eal_actors.scenario.language.expressions.evaluation import Namespace, expressions_in, render
 from eal_actors.scenario.language.expressions.functions import as_text
+from eal_actors.scenario.language.expressions.grammar import Expression, parse_template
 
 _MOST_VALUES: Final = 8
 _MOST_CHARACTERS: Final = 60

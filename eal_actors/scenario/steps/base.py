@@ -23,7 +23,7 @@ from eal_actors.scenario.engine.executor import perform_step, perform_within
 from eal_actors.scenario.engine.frames import ExecutionContext
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.engine.synchronization import find_meetings
-from eal_actors.scenario.language.expressions import Namespace, render
+from eal_actors.scenario.language.expressions.evaluation import Namespace, render
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
 from eal_actors.scenario.language.scenario import FallibleModel, Keys, Show, Step
 from eal_actors.scenario.language.scope import Scope, ScopeCheck

@@ -22,7 +22,7 @@ from eal_actors.scenario.engine.frames import ExecutionContext, Participant
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.engine.python_functions import StepFunction
 from eal_actors.scenario.engine.synchronized_start import SynchronizedStart, join_start
-from eal_actors.scenario.language.expressions import Namespace, expressions_in, render, render_text
+from eal_actors.scenario.language.expressions.evaluation import Namespace, expressions_in, render, render_text
 from eal_actors.scenario.language.parameters import unit_of, unit_problem
 from eal_actors.scenario.language.robot_check import CheckedCall, Location, RobotCheck, RobotScope
 from eal_actors.scenario.language.scenario import Keys, ScenarioFile, Show

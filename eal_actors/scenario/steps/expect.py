@@ -13,7 +13,7 @@ from eal_actors.kernel.errors import ScenarioError
 from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
-from eal_actors.scenario.language.expressions import (
+from eal_actors.scenario.language.expressions.evaluation import (
     bare_expressions,
     evaluate,
     evaluate_bare,

@@ -7,7 +7,7 @@ from typing import Any
 from typing_extensions import override
 
 from eal_actors.kernel.errors import ScenarioError
-from eal_actors.scenario.language.expressions import Namespace
+from eal_actors.scenario.language.expressions.evaluation import Namespace
 from eal_actors.scenario.language.values import Value
 from eal_actors.scenario.language.wording import short_value
 from eal_actors.scenario.steps.go_to import BaseArguments, MapStep

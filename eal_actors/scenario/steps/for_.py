@@ -16,14 +16,8 @@ from eal_actors.scenario.engine.computing import compute
 from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.frames import ExecutionContext
 from eal_actors.scenario.engine.loop import Coroutine
-from eal_actors.scenario.language.expressions import (
-    Expression,
-    Namespace,
-    evaluate,
-    expressions_in,
-    render,
-    to_plain,
-)
+from eal_actors.scenario.language.expressions.evaluation import Namespace, evaluate, expressions_in, render, to_plain
+from eal_actors.scenario.language.expressions.grammar import Expression
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
 from eal_actors.scenario.language.scenario import Keys, Show, Steps
 from eal_actors.scenario.language.scope import Scope, ScopeCheck

@@ -15,7 +15,7 @@ from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
-from eal_actors.scenario.language.expressions import Namespace, expressions_in, render
+from eal_actors.scenario.language.expressions.evaluation import Namespace, expressions_in, render
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
 from eal_actors.scenario.language.scenario import Keys, Scenario, Show
 from eal_actors.scenario.language.scope import Scope, ScopeCheck

@@ -16,7 +16,7 @@ from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.frames import Participant
 from eal_actors.scenario.engine.python_functions import StepFunction
-from eal_actors.scenario.language.expressions import Namespace, expressions_in
+from eal_actors.scenario.language.expressions.evaluation import Namespace, expressions_in
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
 from eal_actors.scenario.language.values import Text, Value

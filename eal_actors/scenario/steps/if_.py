@@ -15,7 +15,7 @@ from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.executor import perform_steps
 from eal_actors.scenario.engine.frames import ExecutionContext
 from eal_actors.scenario.engine.loop import Coroutine
-from eal_actors.scenario.language.expressions import Namespace, evaluate, parse_bare, to_plain
+from eal_actors.scenario.language.expressions.evaluation import Namespace, evaluate, parse_bare, to_plain
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
 from eal_actors.scenario.language.scenario import Keys, Scenario, Show, Step, Steps
 from eal_actors.scenario.language.static_values import Guard

@@ -12,7 +12,7 @@ from eal_actors.kernel.strict_model import NAMES_ONLY
 from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
-from eal_actors.scenario.language.expressions import bare_expressions, evaluate_bare
+from eal_actors.scenario.language.expressions.evaluation import bare_expressions, evaluate_bare
 from eal_actors.scenario.language.scenario import Keys, Show
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
 from eal_actors.scenario.language.values import Value, VariableName, not_empty

@@ -9,7 +9,7 @@ from typing_extensions import override
 
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
-from eal_actors.scenario.language.expressions import render_text
+from eal_actors.scenario.language.expressions.evaluation import render_text
 from eal_actors.scenario.language.scenario import Show
 from eal_actors.scenario.language.values import Held, Text
 from eal_actors.scenario.steps.base import FallibleStep

@@ -12,7 +12,7 @@ from eal_actors.facade.traffic.travelling import JOURNEY_TIMEOUT_S
 from eal_actors.kernel.errors import EALError, ScenarioError
 from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.engine.context import RunContext
-from eal_actors.scenario.language.expressions import Namespace, expressions_in, render
+from eal_actors.scenario.language.expressions.evaluation import Namespace, expressions_in, render
 from eal_actors.scenario.language.robot_check import CheckedCall, Location, RobotCheck, RobotScope
 from eal_actors.scenario.language.wording import short_value
 

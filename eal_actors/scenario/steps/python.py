@@ -24,7 +24,7 @@ from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine, EventLoop
 from eal_actors.scenario.engine.python_functions import StepFunction, find_function
-from eal_actors.scenario.language.expressions import render
+from eal_actors.scenario.language.expressions.evaluation import render
 from eal_actors.scenario.language.scenario import Keys, Show
 from eal_actors.scenario.language.values import Held, Text, Value, VariableName
 from eal_actors.scenario.steps.base import TimedStep

@@ -13,7 +13,8 @@ from eal_actors.scenario.engine.computing import compute_count
 from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.frames import ExecutionContext
 from eal_actors.scenario.engine.loop import Coroutine
-from eal_actors.scenario.language.expressions import evaluate, parse_template
+from eal_actors.scenario.language.expressions.evaluation import evaluate
+from eal_actors.scenario.language.expressions.grammar import parse_template
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
 from eal_actors.scenario.language.scenario import Keys, Show, Steps
 from eal_actors.scenario.language.static_values import StaticLoop

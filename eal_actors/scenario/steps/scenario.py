@@ -20,7 +20,7 @@ from eal_actors.scenario.engine.executor import StepGroup, perform_steps, perfor
 from eal_actors.scenario.engine.frames import ExecutionContext, Frame, StepTask
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.engine.synchronization import find_meetings
-from eal_actors.scenario.language.expressions import Namespace, expressions_in, render, to_plain
+from eal_actors.scenario.language.expressions.evaluation import Namespace, expressions_in, render, to_plain
 from eal_actors.scenario.language.parameters import parameter_problem
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
 from eal_actors.scenario.language.scenario import Keys, RobotsByRole, Scenario, Show, Step

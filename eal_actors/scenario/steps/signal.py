@@ -10,7 +10,7 @@ from typing_extensions import override
 from eal_actors.kernel.strict_model import Name
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
-from eal_actors.scenario.language.expressions import render
+from eal_actors.scenario.language.expressions.evaluation import render
 from eal_actors.scenario.language.scenario import Show
 from eal_actors.scenario.language.values import Held, Value
 from eal_actors.scenario.report.events import Signalled

@@ -18,7 +18,7 @@ from eal_actors.scenario.engine.executor import perform_step, perform_steps
 from eal_actors.scenario.engine.frames import ExecutionContext
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.engine.python_functions import StepFunction
-from eal_actors.scenario.language.expressions import Namespace, expressions_in, render
+from eal_actors.scenario.language.expressions.evaluation import Namespace, expressions_in, render
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
 from eal_actors.scenario.language.scenario import Keys, Scenario, Show, Step, Steps
 from eal_actors.scenario.language.scope import Scope, ScopeCheck

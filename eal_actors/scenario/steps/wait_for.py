@@ -13,7 +13,7 @@ from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
-from eal_actors.scenario.language.expressions import render
+from eal_actors.scenario.language.expressions.evaluation import render
 from eal_actors.scenario.language.scenario import Show
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
 from eal_actors.scenario.language.values import Count, Held, Value, VariableName

@@ -11,7 +11,7 @@ from typing_extensions import override
 from eal_actors.kernel.errors import DeadlineError
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
-from eal_actors.scenario.language.expressions import evaluate, parse_bare, to_plain
+from eal_actors.scenario.language.expressions.evaluation import evaluate, parse_bare, to_plain
 from eal_actors.scenario.language.scenario import Show
 from eal_actors.scenario.language.values import ExpressionText, Held
 from eal_actors.scenario.language.wording import describe_names

@@ -17,7 +17,8 @@ from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.executor import perform_steps
 from eal_actors.scenario.engine.frames import ExecutionContext
 from eal_actors.scenario.engine.loop import Coroutine
-from eal_actors.scenario.language.expressions import Expression, Namespace, evaluate, parse_bare, to_plain
+from eal_actors.scenario.language.expressions.evaluation import Namespace, evaluate, parse_bare, to_plain
+from eal_actors.scenario.language.expressions.grammar import Expression
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
 from eal_actors.scenario.language.scenario import Keys, Show, Steps
 from eal_actors.scenario.language.scope import Scope, ScopeCheck

@@ -8,18 +8,19 @@ from typing import Any
 import pytest
 
 from eal_actors.device.data import EALData
-from eal_actors.scenario.language.expressions import (
+from eal_actors.scenario.language.expressions.evaluation import (
+    MAX_LEVELS,
+    MAX_SIZE,
     Namespace,
     WorkBudget,
     WorkLimitError,
     evaluate,
     evaluate_bare,
-    parse_expression,
     render,
     render_text,
     size_of,
 )
-from eal_actors.scenario.language.expressions.evaluation import MAX_LEVELS, MAX_SIZE
+from eal_actors.scenario.language.expressions.grammar import parse_expression
 
 
 def nested(levels: int) -> list[Any]:

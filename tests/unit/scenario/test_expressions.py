@@ -10,18 +10,16 @@ from hypothesis import strategies as st
 
 from eal_actors.device.data import EALData
 from eal_actors.kernel.errors import ScenarioError
-from eal_actors.scenario.language.expressions import (
+from eal_actors.scenario.language.expressions.evaluation import (
     Namespace,
-    RobotReading,
     evaluate,
     evaluate_bare,
     parse_bare,
-    parse_expression,
-    parse_template,
     render,
     render_text,
 )
 from eal_actors.scenario.language.expressions.functions import as_text
+from eal_actors.scenario.language.expressions.grammar import RobotReading, parse_expression, parse_template
 
 VARIABLES: dict[str, object] = {
     "n": 45,

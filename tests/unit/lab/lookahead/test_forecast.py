@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eal_actors.lab.lookahead import PresentState, Script, ScriptStep, forecast
+from eal_actors.lab.lookahead.forecast import PresentState, forecast
+from eal_actors.lab.lookahead.script import Script, ScriptStep
 
 
 def straight(begin_s: float = 0.0, *, has_goal: bool = False) -> Script:
