@@ -43,8 +43,7 @@ def _given(data: EALDataInfo_t | None) -> EALDataInfo_t:
 class EAL:
     """A connection with the thesis's names.
 
-    Attributes:
-        timeout_s: seconds of the fleet's clock until each call fails; None for the fleet file's default.
+    `timeout_s` is the time, by the fleet's clock, until each call fails; None for the fleet file's default.
     """
 
     def __init__(self, eal: facade.EAL) -> None:

@@ -30,8 +30,7 @@ _READER_GONE: Final = (errno.EPIPE, errno.EIO)  # errors of writing to a closed 
 class _FailsafeStream:
     """A text stream that discards its output after a failed write instead of raising.
 
-    Attributes:
-        failure: the error that lost output; None if nothing was lost or if only the reader has gone.
+    `failure` is the error that lost output; None if nothing was lost or if only the reader has gone.
     """
 
     def __init__(self, stream: TextIO) -> None:

@@ -137,10 +137,8 @@ class DifferentialBase(MapMotions):
     """Drives a robot with two driven wheels (Source: thesis §6.2.1, §6.2.2).
 
     A driver implements `drive`, `turn` and `follow`, `halt` and `get_status`; the property `calibration`, unless the
-    robot calibrates its own wheels; and `clearance_m`, if it has sensors for it.
-
-    Args:
-        context: the plugin's, whose localizer guides motions to a place; without it they are not supported.
+    robot calibrates its own wheels; and `clearance_m`, if it has sensors for it. `context` is the plugin's; its
+    localizer guides motions to a place, which without it are not supported.
     """
 
     types = ResourceType.ACTUATOR

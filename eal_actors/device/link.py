@@ -12,10 +12,8 @@ class FaultyLink:
     """A link that a fault plan may delay, make lossy or cut, to test controllers.
 
     Lost calls are not refused: they reach no resource, and their callers wait until their deadlines, as with a robot
-    out of reach. The losses depend on the fleet's seed, the robot's name and the calls alone.
-
-    Attributes:
-        spared: resources beside the robot, such as ground truth: their calls always arrive.
+    out of reach. The losses depend on the fleet's seed, the robot's name and the calls alone. Calls to `spared`,
+    resources beside the robot such as ground truth, always arrive.
 
     Thread: any.
     """

@@ -182,8 +182,7 @@ class PluginContext:
     def simulated_camera(self, url: str) -> Any:
         """Open a camera of a simulated world.
 
-        Args:
-            url: `<plugin>://world/<camera>`, where the plugin is the one that simulates, such as `sim://world/ceiling`.
+        `url` is `<plugin>://world/<camera>`, where the plugin is the one that simulates, such as `sim://world/ceiling`.
 
         Returns:
             An object with `frame() -> (picture, stamp_s)`: blue, green and red, shape (height, width, 3), and the time

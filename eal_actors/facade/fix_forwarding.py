@@ -61,11 +61,7 @@ class FixForwarder:
 
 
 class _TrackerThread:
-    """Reads one tracker.
-
-    Attributes:
-        targets: the robots by the numbers of their markers; replaced as a whole.
-    """
+    """Reads one tracker. `targets` are the robots by the numbers of their markers; they are replaced as a whole."""
 
     def __init__(self, clock: Clock, tracker: RobotHandle, targets: dict[int, RobotHandle]) -> None:
         self.targets = targets

@@ -40,11 +40,7 @@ class CommandBegin:
 
 @dataclass(frozen=True, slots=True)
 class StartRecord:
-    """The begins of commands with a common start.
-
-    Attributes:
-        start_s: the planned time of the fleet's clock.
-    """
+    """The begins of commands with a common start. `start_s` is the planned time of the fleet's clock."""
 
     start_s: float
     begins: tuple[CommandBegin, ...]
@@ -100,8 +96,7 @@ def send_synchronized(
 class DelayMeter:
     """Measures the longest delay to some robots by pings; the caller waits for them.
 
-    Attributes:
-        longest_s: the longest round trip so far, in real seconds, with the maximum error of the clock offset.
+    `longest_s` is the longest round trip so far, in real seconds, with the maximum error of the clock offset.
     """
 
     TIMEOUT_S: Final = 0.5

@@ -231,11 +231,7 @@ def wait_in_scope(clock: Clock, waiter: threading.Lock, timeout_s: float | None)
 
 
 class ScaledClock(Clock):
-    """A clock that runs at `rate` times real time.
-
-    Attributes:
-        start_s: the system's monotonic time at which it was made.
-    """
+    """A clock that runs at `rate` times real time. `start_s` is the system's monotonic time at which it was made."""
 
     def __init__(self, rate: float = 1.0) -> None:
         if not rate > 0:

@@ -116,8 +116,7 @@ def _resolved(reader: _FleetFileReader, root: MarkedDict | None, source: Path) -
 class _FleetFileReader:
     """Reads a fleet file merged over the files it includes, and checks each file by itself.
 
-    Attributes:
-        sound: every file was found and every section is a mapping, so a missing key is really missing.
+    `sound` is whether every file was found and every section is a mapping, so that a missing key is really missing.
     """
 
     def __init__(self, environment: Mapping[str, str]) -> None:

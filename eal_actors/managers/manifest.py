@@ -149,8 +149,7 @@ class ManifestFile(StrictModel):
 class PluginManifest:
     """A discovered plugin.
 
-    Attributes:
-        others: the plugins that were discovered with it, by name; those that it uses are looked up here.
+    `others` are the plugins that were discovered with it, by name; those that it uses are looked up there.
     """
 
     folder: Path

@@ -132,10 +132,8 @@ class ConnectedPlugins(OpenPlugins):
 class EALPluginManager:
     """Finds plugins by their manifests, and imports only what a robot names (Source: thesis §4.3.2).
 
-    The given folders are searched before the bundled plugins and the installed packages.
-
-    Attributes:
-        errors: the errors of plugins that could not be read.
+    The given folders are searched before the bundled plugins and the installed packages. `errors` are those of plugins
+    that could not be read.
     """
 
     def __init__(self, plugin_dirs: Iterable[Path] = ()) -> None:

@@ -22,11 +22,7 @@ _MISSING: Final = object()
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One difference.
-
-    Attributes:
-        where: its place, such as `events[12].record.end_s` or `evbot2-1 at 3.200 s`.
-    """
+    """One difference. `where` is its place, such as `events[12].record.end_s` or `evbot2-1 at 3.200 s`."""
 
     where: str
     left: str

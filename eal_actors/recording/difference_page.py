@@ -22,8 +22,7 @@ _MOST_DIFFERENCES: Final = 200
 class ComparedStep:
     """A step of a robot in two runs; a record is None if its run did not perform the step.
 
-    Attributes:
-        number: how often the robot has performed the step, this time included.
+    `number` is how often the robot has performed the step, this time included.
     """
 
     robot: str

@@ -53,7 +53,7 @@ class Localizer:
     def __init__(self, robot: str = "") -> None:
         self.robot: Final = robot
         self._lock = threading.Lock()
-        self._history = PoseHistory(self._begin)
+        self._history = PoseHistory(lambda: FilterState.at(*self._start, self._history.noise))
         self._gate = FixGate()
         self._pending: deque[PoseEstimate] = deque(maxlen=_MOST_PENDING)
         self._start: tuple[Pose, Covariance] = ((0.0, 0.0, 0.0), EXACT)
@@ -214,9 +214,6 @@ class Localizer:
     def _require_odometry(self) -> None:
         if not self._history:
             raise NotReadyError(f"the pose of {self.robot or 'the robot'} is unknown: no odometry has arrived yet")
-
-    def _begin(self) -> FilterState:
-        return FilterState.at(*self._start, self._history.noise)
 
     def _warn(self, event: str, fix: PoseEstimate, reason: str) -> None:
         """Log a warning, at most one in 10 s. Thread: holds the lock."""

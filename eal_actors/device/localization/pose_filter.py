@@ -36,8 +36,7 @@ _GRAIN_RAD: Final = 0.0003
 class FilterState:
     """The state of the filter at one time; none of it may be changed.
 
-    Attributes:
-        mean: x_m, y_m, yaw_rad (unwrapped), error of scale, turn per metre in rad/m, error of turns.
+    `mean` is x_m, y_m, yaw_rad (unwrapped), error of scale, turn per metre in rad/m, error of turns.
     """
 
     mean: tuple[float, float, float, float, float, float]

@@ -106,8 +106,7 @@ class ProgressWatch:
 class HoldWatch:
     """Pauses a robot that is held: its wheels may spin, and its odometry counts that.
 
-    Attributes:
-        gives_up: whether it was held again after each of some pauses.
+    `gives_up` is whether it was held again after each of some pauses.
     """
 
     def __init__(self, now_s: float) -> None:

@@ -21,8 +21,7 @@ _WINDOW_M: Final = 0.3
 class Route:
     """A polyline, driven from its first point to its last.
 
-    Args:
-        points: x and y in metres; the first is the robot's own place.
+    `points` are x and y in metres; the first is the robot's own place.
 
     Attributes:
         travelled_m: how far along it the robot has come; it never falls.

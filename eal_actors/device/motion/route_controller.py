@@ -73,10 +73,8 @@ def braking_speed(left: float, acceleration: float, delay_s: float) -> float:
 class RouteController:
     """Drives along a route to its end, and turns to a heading there.
 
-    The route begins at the robot's place; `yaw_rad` is the heading at the goal, None for any.
-
-    Attributes:
-        turn_left_rad: the angle to go while it turns in place; None while it drives.
+    The route begins at the robot's place; `yaw_rad` is the heading at the goal, None for any. `turn_left_rad` is the
+    angle to go while it turns in place, and None while it drives.
     """
 
     def __init__(self, route: Route, yaw_rad: float | None, limits: MotionLimits) -> None:

@@ -43,8 +43,7 @@ _Cell = tuple[int, int]
 class PlannedPath:
     """A path for the centre of a robot.
 
-    Attributes:
-        points_m: x and y of its corners in the map frame, from the start to the goal.
+    `points_m` are x and y of its corners in the map frame, from the start to the goal.
     """
 
     points_m: tuple[Point, ...]

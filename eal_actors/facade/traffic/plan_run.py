@@ -22,10 +22,7 @@ _LOOK_S: Final = 1.0
 
 
 class PlanRun:
-    """The robots of one plan on their ways.
-
-    Attributes:
-        blocked: the robots whose next place is closed by something on no map.
+    """The robots of one plan on their ways. `blocked` are those whose next place is closed by something on no map.
 
     Thread: one thread uses it; `wake` is for any.
     """

@@ -61,8 +61,7 @@ class BranchRequest:
 class Branch:
     """A branch that has ended.
 
-    Attributes:
-        first: the first difference between the run and the branch; None if they are the same to the end.
+    `first` is the first difference between the run and the branch; None if they are the same to the end.
     """
 
     directory: Path

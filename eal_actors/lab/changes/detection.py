@@ -25,6 +25,8 @@ _SPOT_PX: Final = 7  # side of a spot, in pixels of that width
 _MAD_TO_SIGMA: Final = 1.4826
 _LEAST_GREY: Final = 9.0  # smallest difference of a spot in grey levels: smaller ones come from light and rounding
 _SIGMAS: Final = 6.0
+_SLACK_SHARE: Final = 0.04  # tolerated shift of unmoved objects, as a share of the width
+_LEAST_SHARE: Final = 0.006  # smallest share of the picture of a reported change
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,14 +42,12 @@ class Changes:
     boxes: tuple[tuple[int, int, int, int], ...]
 
 
-def find_changes(before: Image, after: Image, *, slack_share: float = 0.04, least_share: float = 0.006) -> Changes:
+def find_changes(before: Image, after: Image) -> Changes:
     """Return the objects that appeared or disappeared between two pictures.
 
     Args:
         before: RGB, (h, w, 3), at least 64 pixels wide and high.
         after: the same place later, of the same shape. Its overall brightness may differ.
-        slack_share: tolerated shift of unmoved objects, as a share of the width.
-        least_share: smallest share of the picture of a reported change.
 
     Raises:
         ArgumentError: the pictures differ in shape, or are too small.
@@ -60,14 +60,14 @@ def find_changes(before: Image, after: Image, *, slack_share: float = 0.04, leas
     one, other = _shrink(before, scale), _shrink(after, scale)
     gain = float(np.median((other.mean(axis=2) + 1) / (one.mean(axis=2) + 1)))  # robust against changed objects
     one = np.asarray(np.minimum(one * gain, 255.0), np.float32)
-    slack_px = max(1, math.ceil(slack_share * _WIDTH_PX))
+    slack_px = max(1, math.ceil(_SLACK_SHARE * _WIDTH_PX))
     unlike = np.maximum(_dissimilarity(one, other, slack_px), _dissimilarity(other, one, slack_px))
     typical = float(np.median(unlike))
     spread = _MAD_TO_SIGMA * float(np.median(np.abs(unlike - typical)))
     mask = (unlike > typical + max(_LEAST_GREY, _SIGMAS * spread)).astype(np.uint8)
     for edge in (np.s_[:slack_px], np.s_[-slack_px:]):  # the other picture may not show the edges
         mask[edge, :] = mask[:, edge] = 0
-    return _find_boxes(mask, scale, before.shape[1], before.shape[0], least_share)
+    return _find_boxes(mask, scale, before.shape[1], before.shape[0])
 
 
 def _shrink(image: Image, scale: float) -> _Floats:
@@ -101,11 +101,11 @@ def _planes(image: NDArray[Any]) -> _Floats:
     return np.ascontiguousarray(image.transpose(2, 0, 1), np.float32)
 
 
-def _find_boxes(mask: NDArray[np.uint8], scale: float, width: int, height: int, least_share: float) -> Changes:
+def _find_boxes(mask: NDArray[np.uint8], scale: float, width: int, height: int) -> Changes:
     """Return the boxes of the marked areas, in pixels of the original picture."""
     number, _, figures, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     found = sorted((tuple(map(int, figures[label])) for label in range(1, number)), key=lambda figure: -figure[4])
-    large = [figure for figure in found if figure[4] >= least_share * mask.size]
+    large = [figure for figure in found if figure[4] >= _LEAST_SHARE * mask.size]
     boxes = []
     for left, top, wide, high, _ in large:
         x, y = int(left * scale), int(top * scale)

@@ -104,8 +104,7 @@ def compare_gradients(first: Gradients, second: Gradients, expected_px: float, p
 class DoubtfulShift:
     """A shift that is too weak to be believed between strangers.
 
-    Attributes:
-        prominence: its correlation above the median of all shifts, less where odometry is far from it.
+    `prominence` is its correlation above the median of all shifts, less where odometry is far from it.
     """
 
     shift: Shift

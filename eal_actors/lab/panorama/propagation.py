@@ -73,8 +73,7 @@ def _message(sent: Floats, factors: Floats, differences: Floats) -> Floats:
 def smoothed(labels: NDArray[np.int64]) -> Floats:
     """Return the smoothest values within half a label of the given ones; a step of more than one label stays.
 
-    Args:
-        labels: (rows, columns); the columns close to a ring.
+    `labels` is (rows, columns); the columns close to a ring.
     """
     values = labels.astype(np.float32)
     least, most = values - 0.5, values + 0.5

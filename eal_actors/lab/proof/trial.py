@@ -39,8 +39,7 @@ _RUN_OF: Final = "the proof"
 class TrialTask:
     """A trial for a worker.
 
-    Attributes:
-        kill_at_s: when the controller is killed, in seconds of the fleet's clock; None if it is not.
+    `kill_at_s` is when the controller is killed, in seconds of the fleet's clock; None if it is not.
     """
 
     content: Content
@@ -72,11 +71,7 @@ class Trial:
 
 @dataclass
 class TrialWorker:
-    """Performs trials; loads the scenario at the first one.
-
-    Attributes:
-        limit_s: a run is stopped after this time of the fleet's clock.
-    """
+    """Performs trials; loads the scenario at the first one. A run is stopped after `limit_s` of the fleet's clock."""
 
     scenario: Path
     parameters: Mapping[str, object]

@@ -45,11 +45,7 @@ class _Record(BaseModel):
 
 
 class Decision(_Record):
-    """The decision about a plan.
-
-    Attributes:
-        who: the user of the terminal or of the dashboard, or the policy's rule.
-    """
+    """The decision about a plan. `who` is the user of the terminal or of the dashboard, or the policy's rule."""
 
     hash: str
     is_approved: bool

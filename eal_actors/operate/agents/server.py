@@ -43,8 +43,7 @@ Parameters = dict[str, bool | int | float | str | list[bool | int | float | str]
 class AgentServer:
     """Serves one fleet to agents. The audit log is open; `place` is where requests come from, `stdio` or `http`.
 
-    Attributes:
-        server: the SDK's server, with all resources and tools.
+    `server` is the SDK's, with all resources and tools.
     """
 
     def __init__(self, gate: PlanGate, audit: AuditLog, runs_dir: Path, place: str) -> None:

@@ -46,7 +46,9 @@ class Journeys:
         except BaseException:
             self._control.done(robot.name, DRIVE_RESOURCE)
             raise
-        self._show(robot.name, journey, path)
+        with self._lock:
+            self._current[robot.name] = journey
+            self._store.put("paths", {robot.name: [[round(x, 3), round(y, 3)] for x, y in path]})
         journey.add_done_callback(lambda done: self._on_done(robot.name, done, on_end))
 
     def _plan(self, robot: RobotHandle, message: SendRobot) -> Path:
@@ -69,8 +71,3 @@ class Journeys:
                 del self._current[robot]
                 self._store.put("paths", {robot: None})
         on_end(done.exception())
-
-    def _show(self, robot: str, journey: Future[int], path: Path) -> None:
-        with self._lock:
-            self._current[robot] = journey
-            self._store.put("paths", {robot: [[round(x, 3), round(y, 3)] for x, y in path]})

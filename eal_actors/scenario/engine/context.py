@@ -47,8 +47,7 @@ passes, as on any other clock. Otherwise the next thing to happen would be the d
 class RunContext:
     """The state of one run. Everything runs in the loop's thread.
 
-    Args:
-        folder: the folder of saved answers; None only if none is saved.
+    `folder` is that of saved answers; None only if none is saved.
 
     Attributes:
         losses: the robots that are out of reach; None without robots of other processes.

@@ -149,10 +149,7 @@ def perform_within(
 
 
 class StepGroup:
-    """Tasks that begin together, and that another task waits for.
-
-    Args:
-        until: `all`, `first` or a signal.
+    """Tasks that begin together, and that another task waits for. `until` is `all`, `first` or a signal.
 
     Attributes:
         late: the robots that were at work when the time was up; None if the tasks ended in time.

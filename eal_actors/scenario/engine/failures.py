@@ -23,8 +23,7 @@ from eal_actors.scenario.report.summary import ErrorReport, StepOutcome
 class StepFailure:
     """The failed attempts of one step by one robot, and what follows from them.
 
-    Attributes:
-        error: why the last attempt failed.
+    `error` is why the last attempt failed.
     """
 
     def __init__(

@@ -29,8 +29,7 @@ _ACTIONS: Final[dict[LossAction, FailureAction]] = {"fail": "abort", "drop": "dr
 class Losses:
     """The robots of other processes that are out of reach. Everything but `_hear` runs in the loop's thread.
 
-    Args:
-        lost_after_s: time out of reach after which a step fails, by the fleet's clock.
+    A robot out of reach for `lost_after_s`, by the fleet's clock, fails its step.
     """
 
     def __init__(

@@ -30,11 +30,7 @@ _PLACE: Final = ".visit"
 
 @dataclass(frozen=True, slots=True)
 class PastStep:
-    """A step that was over.
-
-    Attributes:
-        variables: those that it assigned.
-    """
+    """A step that was over. `variables` are those that it assigned."""
 
     is_done: bool
     variables: Mapping[str, Any]

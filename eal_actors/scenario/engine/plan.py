@@ -96,17 +96,16 @@ def _find_functions(scenario: Scenario, fleet: Fleet) -> tuple[dict[str, StepFun
 
 def _inspect(fleet: Fleet, names: AbstractSet[str]) -> tuple[dict[str, EALError], dict[str, RobotFacts]]:
     """Return the errors of robots that did not start, and the abilities of all others, by name."""
-    errors = {name: error for name in names if (error := _start_error(fleet[name])) is not None}
-    facts = {name: robot_facts(fleet[name]) for name in fleet.config.robots if name in names and name not in errors}
+    errors: dict[str, EALError] = {}
+    facts: dict[str, RobotFacts] = {}
+    for name in [name for name in fleet.config.robots if name in names]:
+        try:
+            fleet[name].require_started()
+        except (RobotFailedError, UnavailableError) as error:
+            errors[name] = RobotFailedError(error.message, robot=name)
+        else:
+            facts[name] = robot_facts(fleet[name])
     return errors, facts
-
-
-def _start_error(robot: RobotHandle) -> EALError | None:
-    try:
-        robot.require_started()
-    except (RobotFailedError, UnavailableError) as error:
-        return RobotFailedError(error.message, robot=robot.name)
-    return None
 
 
 def _check_lost(scenario: Scenario, bound: Binding, lost: Mapping[str, EALError]) -> None:

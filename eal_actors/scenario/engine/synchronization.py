@@ -108,11 +108,7 @@ class Barriers:
 
 
 class Signals:
-    """The signals of a run: latched, counted, and with a value.
-
-    Attributes:
-        values: the last value of each.
-    """
+    """The signals of a run: latched, counted, and with a value. `values` has the last value of each."""
 
     def __init__(self, clock: Clock) -> None:
         self.counts: dict[tuple[Frame, str], int] = {}

@@ -24,11 +24,7 @@ _PINGS: Final = 3
 
 
 class SynchronizedStart:
-    """One start of several robots at the same time.
-
-    Attributes:
-        agreed: done when the time is agreed.
-    """
+    """One start of several robots at the same time. `agreed` is done when the time is agreed."""
 
     def __init__(self, run: RunContext, path: str, tasks: Sequence[StepTask]) -> None:
         self.agreed: Future[None] = Future(run.clock)

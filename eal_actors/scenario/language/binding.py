@@ -18,11 +18,7 @@ Wishes = Mapping[str, Sequence[str]]
 
 @dataclass(frozen=True, slots=True)
 class RobotFacts:
-    """The abilities of a robot.
-
-    Attributes:
-        left_out: why resources may be missing; empty if none is.
-    """
+    """The abilities of a robot. `left_out` is why resources may be missing; empty if none is."""
 
     resources: Mapping[str, ResourceInfo]
     left_out: str = ""

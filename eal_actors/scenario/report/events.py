@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar
 
-from pydantic import BaseModel
+from pydantic_core import to_jsonable_python
 from typing_extensions import override
 
 from eal_actors.scenario.report.records import is_recordable, to_record
@@ -15,11 +15,7 @@ from eal_actors.scenario.report.summary import ErrorReport, Report, StartReport,
 
 @dataclass(frozen=True, slots=True)
 class RunEvent:
-    """An event of a run.
-
-    Attributes:
-        time_s: seconds since the run's start, of the fleet's clock.
-    """
+    """An event of a run. `time_s` is the seconds since the run's start, of the fleet's clock."""
 
     kind: ClassVar[str] = "event"
     time_s: float
@@ -30,17 +26,8 @@ class RunEvent:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain dicts, lists, strings and numbers, with the kind under `event`."""
-        return {"event": self.kind, **{field.name: _to_json(getattr(self, field.name)) for field in fields(self)}}
-
-
-def _to_json(value: Any) -> Any:
-    if isinstance(value, BaseModel):
-        return value.model_dump(mode="json")
-    if isinstance(value, Mapping):
-        return {key: _to_json(item) for key, item in value.items()}
-    if isinstance(value, tuple | list):
-        return [_to_json(item) for item in value]
-    return value
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {"event": self.kind, **to_jsonable_python(values)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,8 +226,7 @@ class RunPaused(RunEvent, kind="run_paused"):
 class RunResumed(RunEvent, kind="run_resumed"):
     """The run continues after a pause.
 
-    Attributes:
-        is_single_step: each robot may begin one step, and then the run is paused again.
+    With `is_single_step` each robot may begin one step, and then the run is paused again.
     """
 
     is_single_step: bool

@@ -21,8 +21,7 @@ from eal_actors.device.navigation.traffic.problem import Path, TrafficProblem
 class PlannedMove:
     """A move of one traveller.
 
-    Attributes:
-        waits_for: travellers, and how many of their moves must be over before this one begins.
+    `waits_for` are travellers, and how many of their moves must be over before this one begins.
     """
 
     here: int

@@ -27,9 +27,8 @@ problems are solved quickly by most of them."""
 class SearchError(Exception):
     """No plan was found.
 
-    Attributes:
-        late: the travellers that were not at their goals where the fewest were not. For all others there is a plan in
-            which these only make way.
+    `late` are the travellers that were not at their goals where the fewest were not. For all others there is a plan in
+    which these only make way.
     """
 
     def __init__(self, late: tuple[int, ...]) -> None:

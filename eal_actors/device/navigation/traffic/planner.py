@@ -29,8 +29,7 @@ REFINE_WORK_EACH: Final = 750
 class TrafficMove:
     """A straight move of one robot.
 
-    Attributes:
-        waits_for: robots, and how many of their moves must be over before this one begins.
+    `waits_for` are robots, and how many of their moves must be over before this one begins.
     """
 
     to: Point
@@ -60,7 +59,6 @@ def plan_traffic(
     standing: Sequence[StandingDisc] = (),
     *,
     seed: int = 0,
-    margin_m: float = MARGIN_M,
 ) -> TrafficPlan:
     """Plan the moves of all robots to their goals.
 
@@ -71,7 +69,6 @@ def plan_traffic(
         travellers: the robots that are to drive.
         standing: robots that stay, and obstacles that are on no map.
         seed: of choices between equal paths.
-        margin_m: distance that hulls keep from each other.
 
     Raises:
         TrafficError: a start or goal is not free, two goals are too near to each other, a goal cannot be reached,
@@ -81,9 +78,9 @@ def plan_traffic(
         raise TrafficError(f"traffic is planned for at most {MAX_TRAVELLERS} robots at once, not {len(travellers)}")
     if not travellers:
         return TrafficPlan({}, 0.0, 0, 0)
-    if len(travellers) == 1 and (alone := _plan_alone(grid, travellers[0], standing, margin_m)):
+    if len(travellers) == 1 and (alone := _plan_alone(grid, travellers[0], standing)):
         return alone
-    roadmap = RoadmapBuilder(grid, travellers, standing, margin_m).build()
+    roadmap = RoadmapBuilder(grid, travellers, standing, MARGIN_M).build()
     problem = roadmap.problem
     _check_reachable(problem, travellers)
     try:
@@ -110,14 +107,12 @@ def plan_traffic(
     return TrafficPlan(moves, roadmap.clearance_m, cost_of(paths), problem.least_cost)
 
 
-def _plan_alone(
-    grid: OccupancyGrid, traveller: Traveller, standing: Sequence[StandingDisc], margin_m: float
-) -> TrafficPlan | None:
-    way = way_alone(grid, traveller, standing, margin_m)
+def _plan_alone(grid: OccupancyGrid, traveller: Traveller, standing: Sequence[StandingDisc]) -> TrafficPlan | None:
+    way = way_alone(grid, traveller, standing, MARGIN_M)
     if way is None:
         return None
     moves = tuple(TrafficMove(place, ()) for place in way)
-    return TrafficPlan({traveller.name: moves}, 2 * traveller.radius_m + margin_m, len(way), len(way))
+    return TrafficPlan({traveller.name: moves}, 2 * traveller.radius_m + MARGIN_M, len(way), len(way))
 
 
 def _check_reachable(problem: TrafficProblem, travellers: Sequence[Traveller]) -> None:

@@ -248,8 +248,7 @@ _BROKEN: Final = "${ must be closed, as in ${expression}; write $${ for a litera
 class Template:
     """A parsed text.
 
-    Attributes:
-        parts: literal texts, and expressions with the offset of their first character in the text.
+    `parts` are literal texts, and expressions with the offset of their first character in the text.
     """
 
     parts: tuple[str | tuple[Expression, int], ...]
