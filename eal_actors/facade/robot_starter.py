@@ -13,6 +13,7 @@ from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.lock_step import MAX
 from eal_actors.kernel.log import get_logger
+from eal_actors.kernel.processors import sharing_processor
 from eal_actors.managers.fleet_changes import FleetChanges
 from eal_actors.managers.fleet_model import FleetConfig, RobotConfig
 from eal_actors.managers.network_check import no_lock_step
@@ -30,6 +31,7 @@ class RobotStarter:
     def __init__(self, config: FleetConfig, clock: Clock) -> None:
         self.config = config
         self._clock = clock
+        self._local = sum(robot.address is None for robot in config.robots.values())
         self._plugins = EALPluginManager(config.plugin_dirs)
         self.services = FleetServices(
             clock, config.seed, config.world, self._plugins.open_port, self._plugins.open_camera
@@ -82,7 +84,8 @@ class RobotStarter:
             restart_window_s=robot.restart_window_s,
             link=self.services.link(robot.name),
         )
-        return start_robot(spec)
+        with sharing_processor(self._local):
+            return start_robot(spec)
 
     def _start_remote(self, robot: RobotConfig, address: str) -> tuple[RobotConnection, RobotView]:
         if robot.name not in self._controllers:  # the endpoints of a session are fixed, so a reload opens another one

@@ -13,6 +13,7 @@ from eal_actors.device.info import unknown_name
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ConfigError, EALError, Problem, UnsupportedError, file_error
 from eal_actors.kernel.log import get_logger
+from eal_actors.kernel.processors import sharing_processor
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_changes import FleetChanges
 from eal_actors.managers.fleet_model import FleetConfig
@@ -238,7 +239,9 @@ def _hosting(config: FleetConfig, robots: Sequence[str]) -> Iterator[tuple[Robot
     keeper = SessionKeeper(name, config.network, lambda: robot_config(config, name))
     try:
         only = name if len(robots) == 1 else None
-        host = RobotHost(config.network_name, keeper.open(), config.network, only).launch()
+        host = RobotHost(config.network_name, keeper.open(), config.network, only)
+        with sharing_processor(len(robots)):
+            host.launch()
         try:
             yield host, keeper
         finally:

@@ -20,6 +20,7 @@ from eal_actors.device.data import EALData
 from eal_actors.device.info import ResourceType
 from eal_actors.device.resource import Activity, Resource, command
 from eal_actors.kernel.clock import SystemClock
+from eal_actors.kernel.processors import sharing_processor
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.wire.rpc.server.host import RobotHost
@@ -107,7 +108,9 @@ def serving(robots: int, port: int) -> Iterator[None]:
     config = fleet_of(robots, port)
     with ExitStack() as stack:
         session = stack.enter_context(open_session(robot_config(config, "bot1")))
-        host = RobotHost(config.name, session, config.network).launch()
+        host = RobotHost(config.name, session, config.network)
+        stack.enter_context(sharing_processor(robots))  # as serve_together
+        host.launch()
         stack.callback(host.close, 5.0)
         for name in config.robots:
             made: dict[str, Callable[[], Resource]] = {"Lamp": Lamp}

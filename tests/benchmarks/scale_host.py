@@ -24,6 +24,7 @@ from eal_actors.actors.call import Call
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.robot_view import RobotState
 from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.processors import sharing_processor
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.wire.rpc.server.host import RobotHost
@@ -130,7 +131,9 @@ def host(config: FleetConfig) -> None:
         stack.callback(fleet.close)
         sys.stdout.write(json.dumps({**measured(fleet), "bare_s": reference_s}) + "\n")
         session = stack.enter_context(open_session(robot_config(config, "bot1")))
-        shared = RobotHost(config.name, session, config.network).launch()
+        shared = RobotHost(config.name, session, config.network)
+        with sharing_processor(len(config.robots)):  # as serve_together
+            shared.launch()
         stack.callback(shared.close, 5.0)
         for robot in fleet.values():
             stack.callback(shared.serve(robot).close)
