@@ -15,8 +15,8 @@ from tests.manual_clock import ManualClock
 ERA, ANN, BOB = "era", "a" * 32, "b" * 32
 
 
-class Value:
-    """An argument, perhaps a large one."""
+class Value(str):
+    """An argument, perhaps a large one, to which a weak reference is possible."""
 
 
 @pytest.mark.parametrize(("deadline_s", "refusal"), [(60.0, ResourceBusyError), (0.0, DeadlineError)])
