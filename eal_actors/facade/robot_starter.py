@@ -18,6 +18,7 @@ from eal_actors.managers.fleet_changes import FleetChanges
 from eal_actors.managers.fleet_model import FleetConfig, RobotConfig
 from eal_actors.managers.network_check import no_lock_step
 from eal_actors.managers.plugins import EALPluginManager
+from eal_actors.wire.engine_memory import limit_heaps
 from eal_actors.wire.rpc.client.controller import Controller
 from eal_actors.wire.rpc.client.remote_robot import RemoteRobot, RemoteSpec
 
@@ -39,6 +40,8 @@ class RobotStarter:
         self.services.markers = _markers(config)
         self._started: dict[str, RobotConfig] = {}  # the latest configuration of each robot of this process
         self._controllers: dict[str, Controller] = {}  # by robot
+        if any(robot.address is not None for robot in config.robots.values()):
+            limit_heaps()
 
     def check(self, robots: Iterable[RobotConfig]) -> None:
         """Raise ConfigError if a plugin does not exist or refuses its settings, or the clock does not fit."""

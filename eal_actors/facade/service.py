@@ -18,6 +18,7 @@ from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_changes import FleetChanges
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER
+from eal_actors.wire.engine_memory import limit_heaps
 from eal_actors.wire.rpc.server.host import RobotHost
 from eal_actors.wire.rpc.server.robot_server import RobotServer
 from eal_actors.wire.session import endpoints_of, robot_config
@@ -251,5 +252,6 @@ def _hosting(config: FleetConfig, robots: Sequence[str]) -> Iterator[tuple[Robot
 
 
 def _local(config: FleetConfig, robots: Iterable[str]) -> FleetConfig:
-    """Return the fleet of some robots, in this process."""
+    """Return the fleet of some robots, in this process, which is going to have sessions."""
+    limit_heaps()
     return replace(config, robots={name: replace(config.robots[name], address=None, listen=None) for name in robots})

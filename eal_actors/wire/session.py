@@ -25,7 +25,7 @@ from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER, DEFAULT_NETWORK, NetworkConfig, parse_endpoint
 from eal_actors.wire.engine_exit import close_at_exit, start_thread
-from eal_actors.wire.engine_memory import limit_memory
+from eal_actors.wire.engine_memory import limit_heaps, return_buffers
 from eal_actors.wire.engine_threads import share_threads
 from eal_actors.wire.format.packing import MAX_ENVELOPE_BYTES, MAX_PAYLOAD_BYTES
 from eal_actors.wire.link_watch import Link, watching
@@ -255,10 +255,10 @@ def open_session(
         checked = zenoh.Config.from_json5(json.dumps(config))
     except zenoh.ZError as error:
         raise ProtocolError(f"zenoh does not take the configuration: {_reason(error)}") from error
-    is_listening = bool(config["listen"]["endpoints"])
-    limit_memory(is_listening=is_listening)
-    if is_listening:
+    limit_heaps()
+    if config["listen"]["endpoints"]:
         raise_file_limit()
+        return_buffers()
     with ExitStack() as stack:
         session = _open(checked, config, timeout_s)
         stack.callback(_close, session, config)
