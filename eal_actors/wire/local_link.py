@@ -58,12 +58,10 @@ _pack: Final = msgpack.Packer().pack
 
 
 class LocalLink:
-    """One end of a link.
+    """One end of a link. Thread: any may send; one reads.
 
     Args:
         end: a connected socket.
-
-    Thread: any may send; one reads.
     """
 
     def __init__(self, end: socket.socket) -> None:
@@ -164,14 +162,12 @@ def dial(process: str, port: int) -> LocalLink | None:
 
 
 class LocalListener:
-    """Accepts the links of controllers on the same machine.
+    """Accepts the links of controllers on the same machine. Thread: any.
 
     Args:
         process: identifier of this process; see `dial`.
         has_link_at: returns whether this process has a link of the engine at a port.
         receive: handles a message of a link, in a thread for each.
-
-    Thread: any.
     """
 
     def __init__(self, process: str, has_link_at: Callable[[int], bool], receive: Callable[..., None]) -> None:

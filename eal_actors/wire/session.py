@@ -98,14 +98,11 @@ def robot_config(fleet: FleetConfig, robot: str) -> dict[str, Any]:
 
 
 def controller_config(fleet: FleetConfig, robots: Iterable[str] | None = None) -> dict[str, Any]:
-    """Return the zenoh configuration of a controller.
+    """Return the zenoh configuration of a controller; ConfigError if its keys are missing.
 
     Args:
         fleet: the fleet.
         robots: names of the robots to reach, all if None; those without an address are ignored.
-
-    Raises:
-        ConfigError: its keys are missing.
     """
     network = fleet.network
     remote = [name for name in (fleet.robots if robots is None else robots) if fleet.robots[name].address is not None]
@@ -145,16 +142,13 @@ def probe_config(endpoint: str, network: NetworkConfig | None = None) -> dict[st
 def router_config(
     listen: Sequence[str], connect: Sequence[str] = (), fleet: FleetConfig | None = None, name: str = "router"
 ) -> dict[str, Any]:
-    """Return the zenoh configuration of a router.
+    """Return the zenoh configuration of a router; ConfigError if its keys are missing.
 
     Args:
         listen: endpoints to listen at.
         connect: endpoints of other routers to join; unreachable ones are retried.
         fleet: its network settings and security apply; messages of any fleet pass if None.
         name: name of the router's certificate, in a fleet with security.
-
-    Raises:
-        ConfigError: its keys are missing.
     """
     network = DEFAULT_NETWORK if fleet is None else fleet.network
     sessions = 2 * len(fleet.robots) if fleet is not None else 0
@@ -235,7 +229,8 @@ def open_session(
     """Open a session for the length of a `with` block.
 
     A client waits for the first router that answers. Peers and routers open without waiting; a refused link, for
-    example for a missing certificate, shows only as calls without replies.
+    example for a missing certificate, shows only as calls without replies. Thread: any; blocks while it opens, and up
+    to CLOSE_TIMEOUT_S while it closes.
 
     Args:
         config: a configuration from this module.
@@ -245,8 +240,6 @@ def open_session(
     Raises:
         UnavailableError: the port is in use, no router answers, or it took too long.
         ProtocolError: zenoh does not take the configuration.
-
-    Thread: any; blocks while it opens, and up to CLOSE_TIMEOUT_S while it closes.
     """
     import zenoh
 

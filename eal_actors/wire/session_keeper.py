@@ -37,14 +37,12 @@ _JOIN_S: Final = 3.0
 
 
 class SessionKeeper(EALActor):
-    """Owns the session of a robot or a router.
+    """Owns the session of a robot or a router. Thread: an actor, which blocks while it opens a session.
 
     Args:
         name: name of the certificate of this end.
         network: the fleet's network; without security nothing is watched.
         configure: returns the session's zenoh configuration.
-
-    Thread: an actor, which blocks while it opens a session.
     """
 
     def __init__(self, name: str, network: NetworkConfig, configure: Callable[[], dict[str, Any]]) -> None:
@@ -119,7 +117,8 @@ class SessionKeeper(EALActor):
 def router_session(fleet: FleetConfig | None, name: str, configure: Callable[[], dict[str, Any]]) -> Iterator[None]:
     """Keep a router's session open for the length of a `with` block.
 
-    A router stores the revoked names that it forwards to robots, so that it follows them too.
+    A router stores the revoked names that it forwards to robots, so that it follows them too. Thread: blocks the caller
+    while it opens and closes.
 
     Args:
         fleet: its fleet; None for all fleets, without security.
@@ -129,8 +128,6 @@ def router_session(fleet: FleetConfig | None, name: str, configure: Callable[[],
     Raises:
         UnavailableError: the port is in use.
         ConfigError: the keys are missing.
-
-    Thread: blocks the caller while it opens and closes.
     """
     keeper = SessionKeeper(name, DEFAULT_NETWORK if fleet is None else fleet.network, configure)
     security = None if fleet is None else fleet.network.security

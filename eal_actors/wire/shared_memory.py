@@ -124,15 +124,13 @@ class _Mapping:
 
 
 class OwnedMemory:
-    """The controller's end: offers the memory, reads values and frees their slots.
+    """The controller's end: offers the memory, reads values and frees their slots. Thread: any.
 
     Args:
         value_bytes: length of the values to expect.
 
     Raises:
         OSError: the kernel gives no memory, or this is not Linux.
-
-    Thread: any.
     """
 
     def __init__(self, value_bytes: int) -> None:
@@ -210,9 +208,7 @@ _SEALS: Final = fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_SEAL if h
 class PeerMemory:
     """The robot's end: writes values into free slots.
 
-    Raises:
-        OSError: this process may not open it, or it is that of another machine or another process namespace.
-
+    Raises OSError if this process may not open it, or it is that of another machine or another process namespace.
     Thread: any.
     """
 

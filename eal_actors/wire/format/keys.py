@@ -199,8 +199,7 @@ def _branch_key(fleet: str, branch: str, *names: str | None) -> str:
 def parse_robot(key: str) -> tuple[str, str]:
     """Return the fleet and the robot of the key of a reply, an event or a token.
 
-    Raises:
-        ProtocolError: a name is missing or not spelt as in a key.
+    Raises ProtocolError if a name is missing or not spelt as in a key.
     """
     root, _, rest = key.partition("/")
     fleet, _, rest = rest.partition("/")
@@ -212,8 +211,7 @@ def parse_robot(key: str) -> tuple[str, str]:
 def parse_alive(key: str) -> tuple[str, str, int]:
     """Return the fleet, the robot and the protocol version of the key of a liveliness token.
 
-    Raises:
-        ProtocolError: it is no such key.
+    Raises ProtocolError if it is no such key.
     """
     fleet, robot = parse_robot(key)
     _, _, *kind, _ = key.split("/")

@@ -193,8 +193,7 @@ class Heartbeat:
 def encode_call(header: CallHeader, data: EALData | None = None) -> tuple[bytes, Payload]:
     """Return a call's envelope and payload.
 
-    Raises:
-        DataError: the payload is larger than MAX_CALL_BYTES, or a field cannot be packed.
+    Raises DataError if the payload is larger than MAX_CALL_BYTES, or a field cannot be packed.
     """
     client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, era, echo_s, held_s, has_more, traceparent = header
     about = None if data is None else data_header(data)
@@ -258,8 +257,7 @@ def encode_reply(
 ) -> tuple[bytes, Payload]:
     """Return a reply's envelope and payload, which is empty if the value is in shared memory.
 
-    Raises:
-        DataError: the payload is larger than MAX_PAYLOAD_BYTES, or a field cannot be packed.
+    Raises DataError if the payload is larger than MAX_PAYLOAD_BYTES, or a field cannot be packed.
     """
     sequence, answer, time = reply
     kind, body, payload = _answer_parts(answer)
@@ -304,8 +302,7 @@ def decode_reply(envelope: Buffer, payload: Buffer = _NO_PAYLOAD, take: TakeShar
 def encode_event(event: RobotEvent) -> tuple[bytes, Payload]:
     """Return an event's envelope and payload.
 
-    Raises:
-        DataError: the payload is larger than MAX_PAYLOAD_BYTES, or a field cannot be packed.
+    Raises DataError if the payload is larger than MAX_PAYLOAD_BYTES, or a field cannot be packed.
     """
     fields: dict[str, Any] = {"version": PROTOCOL_VERSION, "kind": event.kind, "stamp_s": event.stamp_s}
     payload: Payload = _NO_PAYLOAD

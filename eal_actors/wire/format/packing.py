@@ -46,8 +46,7 @@ _ERROR_BY_CODE: Final[dict[str, type[EALError]]] = {
 def pack(fields: object, what: str) -> bytes:
     """Return the msgpack bytes of lists, tuples, dicts with str keys, str, bytes, int, float, bool and None.
 
-    Raises:
-        DataError: a value has no msgpack form, or the envelope is larger than MAX_ENVELOPE_BYTES.
+    Raises DataError if a value has no msgpack form, or the envelope is larger than MAX_ENVELOPE_BYTES.
     """
     try:
         packed: bytes = _pack(fields)
@@ -61,8 +60,7 @@ def pack(fields: object, what: str) -> bytes:
 def unpack_row(packed: Buffer, what: str, size: int) -> list[Any]:
     """Return the first `size` fields of an envelope that is a list.
 
-    Raises:
-        ProtocolError: the bytes are no such envelope, or its first field is another version.
+    Raises ProtocolError if the bytes are no such envelope, or its first field is another version.
     """
     return optional_row(unpack(packed, what), what, size, 0)
 
@@ -81,8 +79,7 @@ def optional_row(row: object, what: str, size: int, optional: int) -> list[Any]:
 def unpack_map(packed: Buffer, what: str) -> dict[str, Any]:
     """Return the fields of an envelope that is a map.
 
-    Raises:
-        ProtocolError: the bytes are no such envelope, or its `version` is another one.
+    Raises ProtocolError if the bytes are no such envelope, or its `version` is another one.
     """
     fields = unpack(packed, what)
     if type(fields) is not dict:
@@ -132,8 +129,7 @@ def data_header(data: EALData) -> tuple[Any, ...]:
 def data_from(header: object, payload: Buffer, what: str) -> EALData:
     """Rebuild a value from its header and its payload, which is not copied and must not change afterwards.
 
-    Raises:
-        ProtocolError: the header is invalid, or does not fit the payload.
+    Raises ProtocolError if the header is invalid, or does not fit the payload.
     """
     if type(header) is not list or len(header) != 5:
         header = checked_row(header, what, 5)
@@ -152,8 +148,7 @@ def data_from(header: object, payload: Buffer, what: str) -> EALData:
 def optional_data_from(header: object, payload: Buffer, what: str) -> EALData | None:
     """Rebuild a value, or return None for a message without one: no header and an empty payload.
 
-    Raises:
-        ProtocolError: the header or the payload is invalid.
+    Raises ProtocolError if the header or the payload is invalid.
     """
     if header is not None:
         return data_from(header, checked_payload(payload, what), what)
@@ -185,8 +180,7 @@ def error_body(error: EALError) -> tuple[str | None, ...]:
 def error_from(body: object, what: str) -> EALError:
     """Rebuild an error; an unknown code becomes an EALError with the code in its message.
 
-    Raises:
-        ProtocolError: the body is not an error.
+    Raises ProtocolError if the body is not an error.
     """
     code, message, robot, resource = checked_row(body, what, 4)
     names = (robot, resource)

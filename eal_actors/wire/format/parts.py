@@ -81,10 +81,7 @@ class _Unfinished:
 
 
 class PartStore:
-    """Collects the parts of calls, of a limited number of bytes.
-
-    Thread: one.
-    """
+    """Collects the parts of calls, of a limited number of bytes. Thread: one."""
 
     def __init__(self, clock: Clock = REAL_TIME) -> None:
         self._clock = clock

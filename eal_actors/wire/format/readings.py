@@ -16,7 +16,7 @@ from eal_actors.wire.format.packing import PROTOCOL_VERSION, pack, packed_client
 def encode_reading(
     client: str, epoch: int, sequence: int, left_s: float, arguments: tuple[str | int, ...], traceparent: str
 ) -> bytes:
-    """Return the envelope of a call that changes nothing, as encode_call.
+    """Return the envelope of a call that changes nothing, as encode_call; DataError if a field cannot be packed.
 
     Args:
         client: see CallId.
@@ -25,9 +25,6 @@ def encode_reading(
         left_s: seconds until its deadline, which is its time to live too.
         arguments: see CallHeader.
         traceparent: see CallHeader.
-
-    Raises:
-        DataError: a field cannot be packed.
     """
     row = [PROTOCOL_VERSION, packed_client(client), epoch, sequence, left_s, left_s, None, arguments, None]
     if traceparent:
@@ -43,7 +40,7 @@ def encode_command(
     proof: tuple[str, float, float],
     traceparent: str,
 ) -> bytes:
-    """Return the envelope of a command, as encode_call.
+    """Return the envelope of a command, as encode_call; DataError if a field cannot be packed.
 
     Args:
         call_id: its identifier.
@@ -52,9 +49,6 @@ def encode_command(
         arguments: see CallHeader.
         proof: era, echo_s and held_s; see CallHeader.
         traceparent: see CallHeader.
-
-    Raises:
-        DataError: a field cannot be packed.
     """
     client, epoch, sequence = call_id
     row = [PROTOCOL_VERSION, packed_client(client), epoch, sequence, ttl_s, left_s, None, arguments, None, *proof]
@@ -69,7 +63,7 @@ def encode_status(sequence: int, status: int, era: str, time_s: float) -> bytes:
 
 
 def encode_value(sequence: int, data: EALData, stamp_s: float | None, era: str, time_s: float) -> bytes:
-    """Return the envelope of a reply with a value, as encode_reply.
+    """Return the envelope of a reply with a value, as encode_reply; DataError if a field cannot be packed.
 
     Args:
         sequence: number of the call.
@@ -77,9 +71,6 @@ def encode_value(sequence: int, data: EALData, stamp_s: float | None, era: str, 
         stamp_s: its time by the robot's clock.
         era: see RobotTime.
         time_s: see RobotTime.
-
-    Raises:
-        DataError: a field cannot be packed.
     """
     c_type, _, shape, unit, frame_id, _ = data.description
     body = c_type.full_name, shape, unit, frame_id, stamp_s

@@ -66,12 +66,10 @@ class _OffsetSample:
 
 
 class OffsetEstimator:
-    """Estimates one robot's clock offset from its replies to pings.
+    """Estimates one robot's clock offset from its replies to pings. Thread: one at a time.
 
     Args:
         size: number of the last pings from which the best is chosen, 1 or more.
-
-    Thread: one at a time.
     """
 
     def __init__(self, size: int = 16) -> None:
@@ -102,13 +100,10 @@ class OffsetEstimator:
         self._pings.append(ping)
 
     def estimate(self, at_s: float) -> Offset:
-        """Return the best estimate.
+        """Return the best estimate; UnavailableError if no ping has been answered.
 
         Args:
             at_s: the controller's time for which the offset and its bound are wanted: now, or a future start.
-
-        Raises:
-            UnavailableError: no ping has been answered.
         """
         if not self._pings:
             raise UnavailableError("the clock offset is unknown: no ping was answered yet")

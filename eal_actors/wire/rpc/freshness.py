@@ -98,7 +98,7 @@ class Stamper:
     """Numbers and stamps a controller's commands to one robot.
 
     Times are the controller's clock in seconds, and do not decrease from call to call. Commands to a resource must be
-    sent in the order of their stamps.
+    sent in the order of their stamps. Thread: one at a time.
 
     Args:
         client: the controller's process; see keys.client_id.
@@ -106,8 +106,6 @@ class Stamper:
     Attributes:
         epoch: number of the connection to the robot.
         number: returns the number of the next call, for calls that are no commands. Thread: any.
-
-    Thread: one at a time.
     """
 
     def __init__(self, client: str) -> None:
@@ -135,14 +133,11 @@ class Stamper:
             self._era, self._echo_s, self._came_s = era, robot_s, now_s
 
     def stamp(self, ttl_s: float, now_s: float) -> Stamp:
-        """Return the stamp of the next command.
+        """Return the stamp of the next command; UnavailableError if the robot has not replied yet, so there is no echo.
 
         Args:
             ttl_s: greatest age at its beginning; longer than the round trip.
             now_s: the controller's clock, read before sending.
-
-        Raises:
-            UnavailableError: the robot has not replied yet, so there is no echo.
         """
         if self._era is None:
             raise UnavailableError("the robot has not answered yet: without its clock no command can be sent")
@@ -191,16 +186,14 @@ class _ClientHistory(Generic[T]):
 class CommandHistory(Generic[T]):
     """Accepts each command of a robot once and in time, and records the last outcomes, of type T.
 
-    Times are the robot's clock in seconds, and do not decrease from call to call. Names of resources must be checked
-    by the caller, since each client has one entry for each name.
+    Times are the robot's clock in seconds, and do not decrease from call to call. Names of resources must be checked by
+    the caller, since each client has one entry for each name. Thread: one at a time.
 
     Args:
         era: identifier of this run of the robot's server.
         outcomes: number of outcomes kept for each client, 1 or more.
         clients: number of clients kept, 1 or more.
         outcomes_in_all: number of outcomes kept for all clients together, `clients` or more.
-
-    Thread: one at a time.
     """
 
     def __init__(self, era: str, *, outcomes: int = 1024, clients: int = 256, outcomes_in_all: int = 4096) -> None:
@@ -215,8 +208,7 @@ class CommandHistory(Generic[T]):
     def enter(self, client: str, epoch: int, now_s: float) -> None:
         """Note that a client has reconnected: commands of its earlier epochs are refused from now on.
 
-        Raises:
-            StaleCommandError: the epoch is further than it can have advanced.
+        Raises StaleCommandError if the epoch is further than it can have advanced.
         """
         history = self._clients.get(client)
         if history is None:

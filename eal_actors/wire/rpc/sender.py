@@ -51,15 +51,13 @@ class UrgentMessage(Message):
 
 
 class Sender(EALActor):
-    """Sends messages in the order of their submission.
+    """Sends messages in the order of their submission. Thread: an actor; any may call `submit`.
 
     Args:
         name: name of its thread.
 
     Attributes:
         unsent: the messages that were submitted and are not sent yet.
-
-    Thread: an actor; any may call `submit`.
     """
 
     def __init__(self, name: str) -> None:

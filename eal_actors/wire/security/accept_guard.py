@@ -134,7 +134,7 @@ def _count_files() -> int:
 
 
 class AcceptGuard:
-    """Closes new connections while descriptors are short.
+    """Closes new connections while descriptors are short. Thread: one of its own.
 
     Args:
         listeners: duplicates of the listening sockets; they are closed with the guard.
@@ -142,8 +142,6 @@ class AcceptGuard:
         most: limit of the connections that are no links yet.
         connected: returns the IP addresses of all connections.
         linked: returns the IP addresses of the connections that are links.
-
-    Thread: one of its own.
     """
 
     def __init__(

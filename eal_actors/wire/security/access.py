@@ -47,14 +47,11 @@ _FLOWS: Final[tuple[_Flow, _Flow]] = ("ingress", "egress")
 
 
 def tls_config(security: SecurityConfig, name: str) -> dict[str, Any]:
-    """Return the section `transport/link/tls` of a zenoh configuration.
+    """Return the section `transport/link/tls` of a zenoh configuration; ConfigError if a file of the keys is missing.
 
     Args:
         security: its `keys` is the folder of the keys.
         name: name of the certificate that this end presents.
-
-    Raises:
-        ConfigError: a file of the keys is missing.
     """
     certificate, key = certificate_file(security.keys, name), key_file(security.keys, name)
     authority = certificate_file(security.keys, AUTHORITY)
@@ -241,10 +238,7 @@ class _RobotGrant:
 
 
 class Rights:
-    """Calls that the holder of one certificate may make to one robot.
-
-    Thread: any.
-    """
+    """Calls that the holder of one certificate may make to one robot. Thread: any."""
 
     def __init__(self, name: str, grants: Sequence[_RobotGrant]) -> None:
         self._name = name
@@ -254,8 +248,7 @@ class Rights:
     def decode(cls, encoded: object, name: str) -> Self | None:
         """Decode the rights that a robot sent; None if everybody may do everything.
 
-        Raises:
-            ProtocolError: they are malformed.
+        Raises ProtocolError if they are malformed.
         """
         if encoded is None:
             return None

@@ -154,8 +154,7 @@ def renew_certificate(folder: Path, name: str, valid: timedelta | None = None) -
 def make_pass(folder: Path, into: Path, name: str) -> None:
     """Create a certificate of a reserved name for one hour, in another folder, with a copy of the authority's.
 
-    Raises:
-        ConfigError: the authority is missing or unreadable, or `cryptography` is not installed.
+    Raises ConfigError if the authority is missing or unreadable, or `cryptography` is not installed.
     """
     _require_cryptography()
     _issue(folder, into, name, (), _PASS_VALID, force=True)
@@ -184,8 +183,7 @@ def _issue(folder: Path, into: Path, name: str, hosts: Iterable[str], valid: tim
 def list_certificates(folder: Path) -> list[Certificate]:
     """Return the certificates of a folder, the authority first, then by name.
 
-    Raises:
-        ConfigError: the folder is missing, a file is no certificate, or `cryptography` is not installed.
+    Raises ConfigError if the folder is missing, a file is no certificate, or `cryptography` is not installed.
     """
     _require_cryptography()
     if not folder.is_dir():

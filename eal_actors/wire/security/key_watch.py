@@ -18,12 +18,10 @@ WATCH_PERIOD_S: Final = 0.5
 
 
 class KeyWatch:
-    """Watches the authority's certificate, a pair of keys, and the list of revoked names.
+    """Watches the authority's certificate, a pair of keys, and the list of revoked names. Thread: one at a time.
 
     Args:
         folder: the folder of keys; None watches nothing.
-
-    Thread: one at a time.
     """
 
     def __init__(self, folder: Path | None, name: str) -> None:

@@ -59,8 +59,7 @@ def pass_packets(listener: socket.socket) -> None:
 def plain_address(text: str) -> str:
     """Return an IP address without its zone, and an IPv4 address that is written as IPv6 as IPv4.
 
-    Raises:
-        ValueError: it is no IP address.
+    Raises ValueError if it is no IP address.
     """
     address = ipaddress.ip_address(text.partition("%")[0])
     return str(getattr(address, "ipv4_mapped", None) or address)

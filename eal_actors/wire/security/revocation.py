@@ -25,8 +25,7 @@ REVOKED: Final = "revoked.txt"
 def revoked_names(folder: Path) -> frozenset[str]:
     """Return the revoked names of a folder of keys; none without a list.
 
-    Raises:
-        ConfigError: the list cannot be read, or a line is no name: then nobody can know who is revoked.
+    Raises ConfigError if the list cannot be read, or a line is no name: then nobody can know who is revoked.
     """
     file = folder / REVOKED
     try:
@@ -48,8 +47,7 @@ def revoked_names(folder: Path) -> frozenset[str]:
 def revoke(folder: Path, names: Iterable[str]) -> frozenset[str]:
     """Add names to the list of a folder, and return all that it has then.
 
-    Raises:
-        ConfigError: a name is invalid, or the list cannot be read or written.
+    Raises ConfigError if a name is invalid, or the list cannot be read or written.
     """
     known = revoked_names(folder)
     names = known.union(names)
@@ -71,11 +69,7 @@ def require_not_revoked(folder: Path, name: str) -> None:
 
 
 def without_revoked(security: SecurityConfig) -> SecurityConfig:
-    """Return a fleet's security without the grants of revoked certificates.
-
-    Raises:
-        ConfigError: the list cannot be read.
-    """
+    """Return a fleet's security without the grants of revoked certificates; ConfigError if the list cannot be read."""
     revoked = revoked_names(security.keys)
     return replace(
         security,

@@ -43,9 +43,7 @@ class StreamPublisher(EALActor):
 
     Each stream has its own key, so a slow reader receives no more than it requested. Frames are encoded here, not in
     the threads of resources and commands; a frame that is not yet encoded when the next one arrives is skipped. A full
-    link drops frames.
-
-    Thread: an actor, which starts with the first stream.
+    link drops frames. Thread: an actor, which starts with the first stream.
     """
 
     def __init__(

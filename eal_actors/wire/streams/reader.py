@@ -43,8 +43,7 @@ class RemoteFeeds:
     def open(self, cell: ResourceCell, spec: StreamSpec, sink: Sink) -> _RemoteFeed:
         """Open a feed; see OpenFeed. Thread: any.
 
-        Raises:
-            UnsupportedError: OpenCV is needed and missing.
+        Raises UnsupportedError if OpenCV is needed and missing.
         """
         require_codec(spec.encoding)
         feed = _RemoteFeed(self, cell, canonical(spec), sink)
@@ -134,8 +133,7 @@ class RemoteFeeds:
     def _read(self, envelope: bytes, payload: Payload | zenoh.ZBytes, arrived_s: float) -> EALData:
         """Return the value of a frame, its stamp in our fleet's time. Thread: that of the stream's reader.
 
-        Raises:
-            EALError: the robot sent an error instead of a value, or the frame is malformed.
+        Raises EALError if the robot sent an error instead of a value, or the frame is malformed.
         """
         frame = decode_frame(envelope, payload if isinstance(payload, bytes | memoryview) else payload.to_bytes())
         if isinstance(frame.content, EALError):

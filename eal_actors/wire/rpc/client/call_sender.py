@@ -38,12 +38,10 @@ PAUSE_S: Final = 0.001
 
 
 class InFlightWindow:
-    """The unanswered calls of one session.
+    """The unanswered calls of one session. Thread: any, except for the methods that wait. A set needs no lock for that.
 
     Attributes:
         calls: the calls, each added before it is sent and taken out by `answered`.
-
-    Thread: any, except for the methods that wait. A set needs no lock for that.
     """
 
     def __init__(self) -> None:

@@ -40,7 +40,7 @@ ReadReply = Callable[[Answer, RobotTime | None, float, float], T]
 
 
 class Channel:
-    """Connection to one robot.
+    """Connection to one robot. Thread: any; nothing blocks.
 
     Attributes:
         name: the robot's name.
@@ -53,8 +53,6 @@ class Channel:
         rights: calls that the robot grants; None for all.
         process: the process that serves the robot, for batches; empty if it takes none.
         memory: memory that is shared with the robot.
-
-    Thread: any; nothing blocks.
     """
 
     def __init__(self, actor: EALActor, view: RobotView, controller: Controller) -> None:

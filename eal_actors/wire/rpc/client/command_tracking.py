@@ -46,14 +46,11 @@ class CommandBoard:
         self._ended: deque[CallId] = deque(maxlen=_MAX_ENDED)
 
     def replace(self, rows: object, as_of_s: float = math.inf) -> None:
-        """Replace all entries.
+        """Replace all entries; ProtocolError if the rows are malformed.
 
         Args:
             rows: rows of client, epoch, sequence and fields, from a message.
             as_of_s: robot's time of the message; commands that began later stay listed.
-
-        Raises:
-            ProtocolError: the rows are malformed.
         """
         try:
             entries = {
@@ -103,8 +100,7 @@ class CommandBoard:
 def progress_from(row: object) -> Progress | None:
     """Decode a progress: fraction, text and time; None if there is none.
 
-    Raises:
-        ProtocolError: it is malformed.
+    Raises ProtocolError if it is malformed.
     """
     if row is None:
         return None

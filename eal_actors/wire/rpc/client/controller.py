@@ -81,10 +81,7 @@ class RobotListener(NamedTuple):
 
 
 class Controller(EALActor):
-    """Network of one fleet in this process.
-
-    Raises:
-        ConfigError: its keys are missing.
+    """Network of one fleet in this process; ConfigError if its keys are missing.
 
     Attributes:
         fleet: the fleet's name.

@@ -86,7 +86,7 @@ _MAX_ANSWERS: Final = 10_000
 
 
 def robots_at(endpoint: str, fleet: FleetConfig | None = None, timeout_s: float = PROBE_S) -> list[FoundRobot]:
-    """Return the robots at an endpoint: one, or all behind a router.
+    """Return the robots at an endpoint: one, or all behind a router. Thread: blocks the caller.
 
     Args:
         endpoint: such as `tcp/192.168.1.11:50000`.
@@ -96,8 +96,6 @@ def robots_at(endpoint: str, fleet: FleetConfig | None = None, timeout_s: float 
     Raises:
         UnavailableError: nothing answers there.
         ConfigError: the fleet's keys are missing.
-
-    Thread: blocks the caller.
     """
     network = None if fleet is None else fleet.network
     wanted = keys.ALL_ALIVE if fleet is None else keys.alive_keys(fleet.network_name)

@@ -45,8 +45,7 @@ class Handshake:
     def decode(cls, answer: Answer, certificate: str | None) -> Self:
         """Decode an answer.
 
-        Raises:
-            ProtocolError: the answer is malformed, or the robot refuses; the message continues the robot's name.
+        Raises ProtocolError if the answer is malformed, or the robot refuses; the message continues the robot's name.
         """
         if not isinstance(answer, dict):
             reason = answer.message if isinstance(answer, EALError) else f"answered {answer!r}"
@@ -114,8 +113,7 @@ class _InfoFields(_Fields):
 def info_from(fields: object) -> ResourceInfo:
     """Rebuild the result of `ResourceInfo.to_dict`; unknown methods are dropped.
 
-    Raises:
-        ProtocolError: a field is missing or of the wrong type.
+    Raises ProtocolError if a field is missing or of the wrong type.
     """
     try:
         checked = _InfoFields.model_validate(fields)

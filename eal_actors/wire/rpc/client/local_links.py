@@ -22,7 +22,7 @@ _MOST_KNOWN: Final = 256
 
 
 class LocalLinks:
-    """Local links by robot and by process.
+    """Local links by robot and by process. Thread: any.
 
     Args:
         is_on: whether the fleet file allows them.
@@ -30,8 +30,6 @@ class LocalLinks:
 
     Attributes:
         links: the links of the robots that have one.
-
-    Thread: any.
     """
 
     def __init__(self, receive: Callable[[str, bytes, bytes], None], *, is_on: bool) -> None:
@@ -44,15 +42,13 @@ class LocalLinks:
         self._processes: dict[str, LocalLink | None] = {}  # None for those that have refused
 
     def connect(self, robot: str, process: str, address: str, on_lost: Callable[[], None]) -> None:
-        """Give a robot a link to its process, if that is on this machine.
+        """Give a robot a link to its process, if that is on this machine. Thread: blocks the caller for a moment.
 
         Args:
             robot: the robot's name.
             process: its process, see `dial`.
             address: its address.
             on_lost: called when the link has ended, and the calls on it are lost. Thread: the link's.
-
-        Thread: blocks the caller for a moment.
         """
         if not self._is_on or not process or address == BEHIND_ROUTER:
             return

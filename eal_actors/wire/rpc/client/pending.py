@@ -36,12 +36,10 @@ class PendingCall(Protocol):
 
 
 class PendingCalls:
-    """Pending calls of one robot.
+    """Pending calls of one robot. Thread: any.
 
     Attributes:
         calls: the calls by their numbers; added before they are sent. The thread that removes one calls its method.
-
-    Thread: any.
     """
 
     def __init__(self) -> None:

@@ -40,12 +40,10 @@ class ClockEstimate(NamedTuple):
 
 
 class ClockTracker:
-    """Tracks the clock of one robot.
+    """Tracks the clock of one robot. Thread: any.
 
     Attributes:
         latest: the last estimate; None before the first reply. Read by any thread.
-
-    Thread: any.
     """
 
     def __init__(self) -> None:
@@ -85,8 +83,7 @@ class ClockTracker:
     def offset(self, at_s: float) -> Offset:
         """Return the robot's clock minus ours, estimated for a real time of ours.
 
-        Raises:
-            UnavailableError: no reply has arrived.
+        Raises UnavailableError if no reply has arrived.
         """
         with self._lock:
             return self._offsets.estimate(at_s)

@@ -48,15 +48,14 @@ class MemorySharing:
 class ValueMemory:
     """Memory shared with one robot.
 
-    It is offered when a large value has come over the link. A robot that cannot open it, since it is on another
-    machine for example, refuses, and is not asked again until it has reconnected.
+    It is offered when a large value has come over the link. A robot that cannot open it, since it is on another machine
+    for example, refuses, and is not asked again until it has reconnected. Thread: the connection's, except `note` and
+    `take`.
 
     Args:
         run_soon: runs an action in the connection's thread.
         request: sends a request to the robot; see `Channel.request`.
         sharing: of the controller.
-
-    Thread: the connection's, except `note` and `take`.
     """
 
     def __init__(

@@ -43,9 +43,7 @@ _NO_NAMES: Final[Mapping[str, str]] = {}
 class ControllerNames:
     """Display names of the last controllers heard.
 
-    A name begins with that of the certificate; the rest is unproven, and no right depends on it.
-
-    Thread: any.
+    A name begins with that of the certificate; the rest is unproven, and no right depends on it. Thread: any.
     """
 
     def __init__(self) -> None:
@@ -104,7 +102,7 @@ class Admitted(NamedTuple):
 
 
 class Admission:
-    """Admission control of one robot.
+    """Admission control of one robot. Thread: any.
 
     Args:
         era: the run of the robot's server.
@@ -115,8 +113,6 @@ class Admission:
     Attributes:
         names: display names of the controllers.
         quiet_until_s: the robot's time before which no controller's silence is too long.
-
-    Thread: any.
     """
 
     def __init__(self, era: str, exclusive: Iterable[str], dead_man_s: float, clock: Clock = REAL_TIME) -> None:

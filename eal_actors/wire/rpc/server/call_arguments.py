@@ -49,8 +49,7 @@ def start_call(
 ) -> Call[Any]:
     """Call a resource for a controller; see ResourceHandle.start_call. Thread: any; does not block.
 
-    Raises:
-        ProtocolError: the method does not take such arguments.
+    Raises ProtocolError if the method does not take such arguments.
     """
     plain = header.arguments
     arguments: tuple[Any, ...] = plain

@@ -24,13 +24,11 @@ _CHECK_S: Final = 1.0
 class ControllerMemories:
     """Memory of controllers by their client identifiers.
 
-    A controller that closes its memory, or is killed, is noticed within a second.
+    A controller that closes its memory, or is killed, is noticed within a second. Thread: any.
 
     Args:
         robot: the robot's name, for the log.
         is_enabled: whether the fleet file allows it.
-
-    Thread: any.
     """
 
     def __init__(self, robot: str, *, is_enabled: bool) -> None:
@@ -43,8 +41,7 @@ class ControllerMemories:
     def open(self, client: str, arguments: tuple[object, ...]) -> bool:
         """Open the memory that a controller offers, in place of its earlier one; return whether that succeeded.
 
-        Raises:
-            ProtocolError: the arguments are malformed.
+        Raises ProtocolError if the arguments are malformed.
         """
         offer = MemoryOffer.parse(arguments)
         with self._lock:

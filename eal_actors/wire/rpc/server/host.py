@@ -107,13 +107,11 @@ class RobotHost(EALActor):
             server.move_to(session)
 
     def serve(self, robot: RobotHandle, exclusive: Iterable[str] | None = None) -> RobotServer:
-        """Serve a robot until its server is closed.
+        """Serve a robot until its server is closed. Thread: blocks the caller for a moment.
 
         Args:
             robot: a started robot of this process.
             exclusive: names of the resources that one controller at a time may command; every actuator if None.
-
-        Thread: blocks the caller for a moment.
         """
         server = RobotServer(
             self._fleet,

@@ -50,7 +50,7 @@ class _Lease:
 class Leases:
     """Leases of a robot's exclusive resources; at most one entry a resource.
 
-    All times are the robot's clock in seconds, and do not decrease from call to call.
+    All times are the robot's clock in seconds, and do not decrease from call to call. Thread: one at a time.
 
     Args:
         exclusive: names of the resources that one client at a time may command.
@@ -59,8 +59,6 @@ class Leases:
 
     Raises:
         ArgumentError: `dead_man_s` is outside its range.
-
-    Thread: one at a time.
     """
 
     def __init__(
@@ -74,8 +72,7 @@ class Leases:
     def claim(self, client: str, resource: str, now_s: float) -> None:
         """Grant or renew the lease of a commanded resource, and renew the client's other leases.
 
-        Raises:
-            ResourceBusyError: another client, which is named, holds the resource.
+        Raises ResourceBusyError if another client, which is named, holds the resource.
         """
         lease = self._leases.get(resource)
         is_own = lease is not None and lease.holder == client and len(self._leases) == 1  # the usual case
@@ -150,15 +147,13 @@ class SilentController(NamedTuple):
 class DeadManSwitch:
     """Watches the clients that command a robot's resources; at most one entry a resource.
 
-    All times are the robot's clock in seconds, and do not decrease from call to call.
+    All times are the robot's clock in seconds, and do not decrease from call to call. Thread: one at a time.
 
     Args:
         dead_man_s: seconds that a client may be silent, 0.1..60.
 
     Raises:
         ArgumentError: `dead_man_s` is outside its range.
-
-    Thread: one at a time.
     """
 
     def __init__(self, dead_man_s: float = DEFAULT_DEAD_MAN_S) -> None:

@@ -32,13 +32,11 @@ MAX_BACKLOG_BYTES: Final = 64 * 1024 * 1024
 
 
 class Outbox(Sender):
-    """Sends replies and events; those that wait together are sent as a batch.
+    """Sends replies and events; those that wait together are sent as a batch. Thread: an actor.
 
     Attributes:
         urgent: sends the urgent messages.
         is_full: whether so many bytes wait that no further value may be queued.
-
-    Thread: an actor.
     """
 
     def __init__(self, name: str, transport: Transport) -> None:

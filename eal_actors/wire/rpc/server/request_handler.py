@@ -29,10 +29,7 @@ from eal_actors.wire.streams.publisher import StreamPublisher
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RequestHandler:
-    """Answers for one robot.
-
-    Thread: the host's, except `ping` and `release`.
-    """
+    """Answers for one robot. Thread: the host's, except `ping` and `release`."""
 
     _robot: RobotHandle
     _process: str

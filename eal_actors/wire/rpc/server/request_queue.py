@@ -25,12 +25,10 @@ _MAX_TEXT: Final = 16_384
 
 
 class RequestQueue:
-    """Queue of calls; each is an action.
+    """Queue of calls; each is an action. Thread: any.
 
     Args:
         run: runs an action in the host's thread, after the timers that are due.
-
-    Thread: any.
     """
 
     def __init__(self, run: Callable[[Callable[[], None]], None]) -> None:

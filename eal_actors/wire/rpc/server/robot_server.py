@@ -65,7 +65,7 @@ _MAX_REASON: Final = 500  # each ping and handshake contains it
 
 
 class RobotServer:
-    """Serves one robot; made by RobotHost.serve.
+    """Serves one robot; made by RobotHost.serve. Thread: any; slow work runs in the host's.
 
     Args:
         fleet: the fleet's name.
@@ -81,8 +81,6 @@ class RobotServer:
 
     Attributes:
         dead_man_trips: number of halts of each resource because its controller was silent.
-
-    Thread: any; slow work runs in the host's.
     """
 
     def __init__(
@@ -173,10 +171,7 @@ class RobotServer:
         self.close()
 
     def wait(self) -> None:
-        """Wait until the server is closed.
-
-        Raises:
-            UnavailableError: it has failed; the robot is halted and unreachable.
+        """Wait until the server is closed; UnavailableError if it has failed; the robot is halted and unreachable.
 
         Thread: blocks the caller.
         """
