@@ -29,12 +29,7 @@ from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.wire.format import keys, parts
 from eal_actors.wire.format.batches import BEGINS_BATCH, decode_batch
-from eal_actors.wire.format.messages import (
-    Heartbeat,
-    RobotEvent,
-    decode_event,
-    encode_heartbeat,
-)
+from eal_actors.wire.format.messages import Heartbeat, RobotEvent, decode_event, encode_heartbeat
 from eal_actors.wire.format.packing import PROTOCOL_VERSION
 from eal_actors.wire.rpc.client.call_sender import CallSender
 from eal_actors.wire.rpc.client.discovery import ForeignRobots

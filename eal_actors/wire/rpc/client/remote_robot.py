@@ -83,12 +83,7 @@ class RemoteRobot(EALActor):
         self._feeds = RemoteFeeds(self._channel)
         self._board = CommandBoard()
         self._listener = RobotListener(
-            spec.name,
-            self._on_alive,
-            self._on_gone,
-            self.calls.receive_reply,
-            self._on_event,
-            self.calls.tick,
+            spec.name, self._on_alive, self._on_gone, self.calls.receive_reply, self._on_event, self.calls.tick
         )
         self._unsent_stop: str | None = None
         self._is_repeating_stop = False
