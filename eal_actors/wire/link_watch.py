@@ -71,10 +71,8 @@ def watching(
 ) -> Iterator[None]:
     """Watch a session for the length of a `with` block.
 
-    Args:
-        links: returns the links of the session.
-        ports: where it listens.
-        on_stuck: called when the engine is out of order. Thread: the watch's.
+    `links` returns the links of the session, which listens at `ports`. `on_stuck` is called when the engine is out of
+    order. Thread: the watch's.
     """
     watch = LinkWatch(links, ports, on_stuck)
     ended = new_waiter()

@@ -58,11 +58,7 @@ _pack: Final = msgpack.Packer().pack
 
 
 class LocalLink:
-    """One end of a link. Thread: any may send; one reads.
-
-    Args:
-        end: a connected socket.
-    """
+    """One end of a link, by a connected socket. Thread: any may send; one reads."""
 
     def __init__(self, end: socket.socket) -> None:
         self._socket = end
@@ -71,10 +67,7 @@ class LocalLink:
     def send(self, head: str, envelope: bytes, payload: Payload) -> bool:
         """Send a message at once; return False if the other end has no room or has gone, or it is too long.
 
-        Args:
-            head: the key of a call, or the robot of a reply.
-            envelope: its envelope.
-            payload: its payload.
+        Its head is the key of a call, or the robot of a reply.
         """
         packet = _pack((head, envelope, payload))
         if len(packet) > _MOST_BYTES:
@@ -140,11 +133,8 @@ class LocalLink:
 def dial(process: str, port: int) -> LocalLink | None:
     """Return a link to the process of a robot; None if it is on another machine, of another user, or refuses.
 
-    Args:
-        process: the robot's process, as it names itself in the handshake.
-        port: the port of its address.
-
-    Thread: blocks the caller for a moment.
+    The robot names its process in the handshake; the port is that of its address. Thread: blocks the caller for a
+    moment.
     """
     end = _packet_socket()
     if end is None:
@@ -167,7 +157,7 @@ class LocalListener:
     Args:
         process: identifier of this process; see `dial`.
         has_link_at: returns whether this process has a link of the engine at a port.
-        receive: handles a message of a link, in a thread for each.
+        receive: handles a message of a link; called with the link and as `Receive`, in a thread for each link.
     """
 
     def __init__(self, process: str, has_link_at: Callable[[int], bool], receive: Callable[..., None]) -> None:

@@ -75,11 +75,9 @@ _SOURCE_PLACE: Final = re.compile(r" at /\S+")
 
 
 def robot_config(fleet: FleetConfig, robot: str) -> dict[str, Any]:
-    """Return the zenoh configuration of a robot.
+    """Return the zenoh configuration of a robot; ConfigError if its keys are missing.
 
-    Raises:
-        ConfigError: its keys are missing.
-        ValueError: the robot has no address, so it runs in the controller's process.
+    Raises ValueError if the robot has no address, so it runs in the controller's process.
     """
     network, entry = fleet.network, fleet.robots[robot]
     if entry.address is None:
@@ -100,9 +98,7 @@ def robot_config(fleet: FleetConfig, robot: str) -> dict[str, Any]:
 def controller_config(fleet: FleetConfig, robots: Iterable[str] | None = None) -> dict[str, Any]:
     """Return the zenoh configuration of a controller; ConfigError if its keys are missing.
 
-    Args:
-        fleet: the fleet.
-        robots: names of the robots to reach, all if None; those without an address are ignored.
+    It reaches the named robots, all if None; those without an address are ignored.
     """
     network = fleet.network
     remote = [name for name in (fleet.robots if robots is None else robots) if fleet.robots[name].address is not None]
@@ -123,14 +119,9 @@ def controller_config(fleet: FleetConfig, robots: Iterable[str] | None = None) -
 
 
 def probe_config(endpoint: str, network: NetworkConfig | None = None) -> dict[str, Any]:
-    """Return the zenoh configuration of a program that only looks for robots behind an endpoint.
+    """Return the zenoh configuration of a program that only looks for robots behind a robot's or a router's endpoint.
 
-    Args:
-        endpoint: endpoint of a robot or a router.
-        network: its keys are used; no keys if None.
-
-    Raises:
-        ConfigError: the keys are missing.
+    It uses the keys of the network, if one is given; ConfigError if they are missing.
     """
     network = network or DEFAULT_NETWORK
     config = _config(network, "client", connect=[endpoint], sessions=0)
@@ -226,20 +217,17 @@ def _config(
 def open_session(
     config: dict[str, Any], timeout_s: float = 5.0, on_stuck: Callable[[], object] | None = None
 ) -> Iterator[zenoh.Session]:
-    """Open a session for the length of a `with` block.
+    """Open a session for the length of a `with` block, with a configuration from this module.
 
     A client waits for the first router that answers. Peers and routers open without waiting; a refused link, for
-    example for a missing certificate, shows only as calls without replies. Thread: any; blocks while it opens, and up
-    to CLOSE_TIMEOUT_S while it closes.
-
-    Args:
-        config: a configuration from this module.
-        timeout_s: greatest real seconds for opening.
-        on_stuck: called when the engine finishes no handshake any more; the session should be opened again then.
+    example for a missing certificate, shows only as calls without replies. `on_stuck` is called when the engine
+    finishes no handshake any more; the session should be opened again then.
 
     Raises:
-        UnavailableError: the port is in use, no router answers, or it took too long.
+        UnavailableError: the port is in use, no router answers, or it took longer than `timeout_s` real seconds.
         ProtocolError: zenoh does not take the configuration.
+
+    Thread: any; blocks while it opens, and up to CLOSE_TIMEOUT_S while it closes.
     """
     import zenoh
 

@@ -60,8 +60,7 @@ class SessionKeeper(EALActor):
     def follow(self, on_session: Callable[[zenoh.Session], None]) -> None:
         """Watch the keys and the engine from now on.
 
-        Args:
-            on_session: called with each later session, after its predecessor was closed. Thread: the keeper's.
+        `on_session` is called with each later session, after its predecessor was closed. Thread: the keeper's.
         """
         self._on_session = on_session
         self.launch()
@@ -115,19 +114,16 @@ class SessionKeeper(EALActor):
 
 @contextmanager
 def router_session(fleet: FleetConfig | None, name: str, configure: Callable[[], dict[str, Any]]) -> Iterator[None]:
-    """Keep a router's session open for the length of a `with` block.
+    """Keep a router's session open for the length of a `with` block, with a certificate of the given name.
 
-    A router stores the revoked names that it forwards to robots, so that it follows them too. Thread: blocks the caller
-    while it opens and closes.
-
-    Args:
-        fleet: its fleet; None for all fleets, without security.
-        name: name of its certificate.
-        configure: returns its zenoh configuration.
+    Without a fleet, it is the router of all fleets, without security. A router stores the revoked names that it
+    forwards to robots, so that it follows them too.
 
     Raises:
         UnavailableError: the port is in use.
         ConfigError: the keys are missing.
+
+    Thread: blocks the caller while it opens and closes.
     """
     keeper = SessionKeeper(name, DEFAULT_NETWORK if fleet is None else fleet.network, configure)
     security = None if fleet is None else fleet.network.security

@@ -51,11 +51,10 @@ class MemoryOffer(NamedTuple):
     """Arguments of the method `memory`: where a controller's memory is.
 
     Attributes:
-        pid: the controller's process, by its own process namespace.
-        fd: descriptor in that process.
+        pid: the controller's process, by its own process namespace, in which `fd` is the descriptor.
         inode: number of the file, which identifies the memory in messages too.
         token: content of its first bytes, as hexadecimal digits: proof that it is this controller's.
-        slot_bytes: length of each, a whole number of pages.
+        slot_bytes: length of each slot, a whole number of pages.
     """
 
     pid: int
@@ -85,12 +84,9 @@ class MemoryOffer(NamedTuple):
 
 
 class SharedValue(NamedTuple):
-    """Place of a value in shared memory.
+    """Place of a value of some bytes in shared memory; see MemoryOffer for `inode`.
 
-    Attributes:
-        inode: see MemoryOffer.
-        number: state of the slot while it holds the value.
-        length: length of the value in bytes.
+    `number` is the state of the slot while it holds the value.
     """
 
     inode: int
@@ -126,11 +122,7 @@ class _Mapping:
 class OwnedMemory:
     """The controller's end: offers the memory, reads values and frees their slots. Thread: any.
 
-    Args:
-        value_bytes: length of the values to expect.
-
-    Raises:
-        OSError: the kernel gives no memory, or this is not Linux.
+    Its slots have room for values of `value_bytes`. Raises OSError if the kernel gives no memory, or this is not Linux.
     """
 
     def __init__(self, value_bytes: int) -> None:
@@ -165,9 +157,7 @@ class OwnedMemory:
     def take(self, value: SharedValue) -> Payload:
         """Return a value, which keeps its slot while it is in use; a copy if few slots are free.
 
-        Raises:
-            ProtocolError: there is no such slot.
-            UnavailableError: the value is no longer there.
+        Raises ProtocolError if there is no such slot, and UnavailableError if the value is no longer there.
         """
         offer = self.offer
         if value.slot >= offer.slots or value.length > offer.slot_bytes:
@@ -206,10 +196,9 @@ _SEALS: Final = fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_SEAL if h
 
 
 class PeerMemory:
-    """The robot's end: writes values into free slots.
+    """The robot's end: writes values into free slots. Thread: any.
 
     Raises OSError if this process may not open it, or it is that of another machine or another process namespace.
-    Thread: any.
     """
 
     def __init__(self, offer: MemoryOffer) -> None:

@@ -41,13 +41,9 @@ _MAX_KEYS: Final = 4096
 
 
 class Transport:
-    """Messages over one session, which outlives it.
+    """Messages over one open session, which outlives it.
 
-    Args:
-        session: an open session.
-
-    Attributes:
-        is_relayed: whether a router passes the messages on, and may drop those that are not vital.
+    `is_relayed` is whether a router passes the messages on, and may drop those that are not vital.
     """
 
     def __init__(self, session: zenoh.Session) -> None:
@@ -77,13 +73,8 @@ class Transport:
     ) -> bool:
         """Send a message; returns False if it could not be sent.
 
-        Args:
-            key: its key.
-            envelope: its envelope, if it has one.
-            payload: its payload.
-            is_urgent: whether it overtakes the messages that wait in the link.
-            is_last: whether no other message follows at once; others may be sent as a batch.
-            is_vital: whether it waits for a full link; others are dropped there.
+        An urgent one overtakes the messages that wait in the link. One that is not the last may be sent with the next
+        as a batch. A vital one waits for a full link; others are dropped there.
 
         Thread: any that may wait; blocks only while a link is full, at most until the engine closes that link.
         """
@@ -121,15 +112,10 @@ class Transport:
         )
 
     def receive(self, key: str, name: str, handle: Callable[[str, zenoh.Sample], None]) -> Callable[[], None]:
-        """Pass the messages of a key expression to a handler, in a thread of their own.
+        """Pass the messages of a key expression to a handler, in a thread of their own with that name.
 
-        Args:
-            key: the key expression.
-            name: name of the thread.
-            handle: called with the key of each message and the message; must not block. What it raises is logged.
-
-        Returns:
-            A function that ends it; harmless if the session is closed.
+        The handler gets the key of each message and the message, and must not block. What it raises is logged. Returns
+        a function that ends it; harmless if the session is closed.
         """
         import zenoh
 

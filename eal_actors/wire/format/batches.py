@@ -31,9 +31,8 @@ BEGINS_BATCH: Final = b"\x92"
 def encode_batch(rows: Sequence[tuple[str | Payload, ...]]) -> bytes:
     """Return the envelope of a batch; DataError if the rows are too large together.
 
-    Args:
-        rows: of a call, the robot, the resource, the method, the envelope and the payload; of a reply, the robot, the
-            envelope and the payload.
+    The row of a call is the robot, the resource, the method, the envelope and the payload; that of a reply has the
+    robot, the envelope and the payload.
     """
     return pack((PROTOCOL_VERSION, rows), "batch")
 

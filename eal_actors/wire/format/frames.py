@@ -48,12 +48,9 @@ Share = Callable[[Payload], Sequence[tuple[str, SharedValue | None]]]
 
 @dataclass(frozen=True, slots=True)
 class StreamFrame:
-    """Message of a stream.
+    """Message of a stream: a value, or the error of reading it.
 
-    Attributes:
-        content: the value, or the error of reading it.
-        time: the robot's clock when the frame was sent.
-        age_s: age of the value at that time, in real seconds.
+    `time` is the robot's clock when the frame was sent, `age_s` the age of the value at that time, in real seconds.
     """
 
     content: EALData | EALError
@@ -63,11 +60,6 @@ class StreamFrame:
 
 def encode_frame(frame: StreamFrame, encoding: Encoding, share: Share = lambda _: ()) -> tuple[bytes, Payload]:
     """Return a frame's envelope and payload, which is empty if all readers find it in shared memory.
-
-    Args:
-        frame: the frame.
-        encoding: how its value is encoded.
-        share: hands the payload to each reader in shared memory; see Share.
 
     Raises:
         DataError: the value is larger than MAX_PAYLOAD_BYTES, or a field cannot be packed.

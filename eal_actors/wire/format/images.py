@@ -44,11 +44,7 @@ def _opencv(encoding: str) -> Any:
 
 
 def encode_image(data: EALData, encoding: Encoding) -> bytes:
-    """Return an image as a JPEG or PNG file.
-
-    Args:
-        data: uint8 of shape (height, width, 3), red first.
-        encoding: `jpeg` or `png`.
+    """Return an image, uint8 of shape (height, width, 3) with red first, as a JPEG or PNG file.
 
     Raises:
         UnsupportedError: OpenCV is not installed.

@@ -98,13 +98,9 @@ class CallKey(NamedTuple):
 
 
 class CallRoute(NamedTuple):
-    """Where a received call goes and where its reply goes.
+    """Where a received call goes and where its reply goes; see client_id for `client`.
 
-    Attributes:
-        call: parts of the call's key.
-        answer_key: key of the reply.
-        client: identifier of the calling process; see client_id.
-        is_reading: whether it calls a method of a resource that changes nothing.
+    `is_reading` is whether it calls a method of a resource that changes nothing.
     """
 
     call: CallKey

@@ -77,12 +77,9 @@ class CallId(NamedTuple):
 
 
 class CallHeader(NamedTuple):
-    """Fields of a call other than its key and its value.
+    """Fields of a call other than its key and its value; the first three are those of CallId.
 
     Attributes:
-        client: see CallId.
-        epoch: see CallId.
-        sequence: see CallId.
         ttl_s: time to live: real seconds after the sending within which the robot may begin.
         deadline_s: real seconds from the sending to the caller's deadline; negative once it has passed.
         start_s: time to begin, by the robot's clock, in seconds; None for at once.
@@ -128,12 +125,9 @@ Answer: TypeAlias = int | EALData | EALError | dict[str, Any] | Accepted
 
 
 class RobotTime(NamedTuple):
-    """Reading of a robot's clock.
+    """Reading of a robot's clock, in seconds; `era` is the run of its server.
 
-    Attributes:
-        era: the run of the robot's server.
-        time_s: its clock, in seconds.
-        began_s: when the answered command began, by the same clock, if it had a start time.
+    `began_s` is when the answered command began, by the same clock, if it had a start time.
     """
 
     era: str
@@ -142,12 +136,7 @@ class RobotTime(NamedTuple):
 
 
 class CallReply(NamedTuple):
-    """Reply to a call.
-
-    Attributes:
-        sequence: number of the call; 0 if the robot could not decode the call.
-        time: the robot's clock when it answered, if included.
-    """
+    """Reply to a call, whose number is 0 if the robot could not decode it; `time` is when it answered, if included."""
 
     sequence: int
     answer: Answer
@@ -165,8 +154,7 @@ class RobotEvent:
     Attributes:
         kind: such as `result`; readers ignore unknown kinds.
         stamp_s: when it happened, by the robot's clock as in replies, in seconds.
-        call: the call it is about, or None.
-        answer: the outcome of that call, or None.
+        call: the call it is about; `answer` is its outcome.
         fields: further plain values by name.
     """
 
@@ -179,12 +167,7 @@ class RobotEvent:
 
 @dataclass(frozen=True, slots=True)
 class Heartbeat:
-    """Heartbeat of a controller.
-
-    Attributes:
-        client: see CallId.
-        name: display name, such as `anna@lab-pc`.
-    """
+    """Heartbeat of a controller; see CallId for `client`. `name` is for people, such as `anna@lab-pc`."""
 
     client: str
     name: str = ""
@@ -270,10 +253,7 @@ def encode_reply(
 def decode_reply(envelope: Buffer, payload: Buffer = _NO_PAYLOAD, take: TakeShared | None = None) -> CallReply:
     """Return a reply, whose answer may be an error; ProtocolError if the bytes are no reply of this version.
 
-    Args:
-        envelope: its envelope.
-        payload: its payload.
-        take: returns a value in shared memory; UnavailableError, if it has gone, becomes the answer.
+    `take` returns a value in shared memory; UnavailableError, if it has gone, becomes the answer.
     """
     row = unpack(envelope, "answer")
     if type(row) is list and tuple(map(type, row)) in _USUAL_REPLIES:

@@ -18,13 +18,7 @@ def encode_reading(
 ) -> bytes:
     """Return the envelope of a call that changes nothing, as encode_call; DataError if a field cannot be packed.
 
-    Args:
-        client: see CallId.
-        epoch: see CallId.
-        sequence: see CallId.
-        left_s: seconds until its deadline, which is its time to live too.
-        arguments: see CallHeader.
-        traceparent: see CallHeader.
+    `left_s` are the seconds until its deadline, which are its time to live too.
     """
     row = [PROTOCOL_VERSION, packed_client(client), epoch, sequence, left_s, left_s, None, arguments, None]
     if traceparent:
@@ -42,13 +36,7 @@ def encode_command(
 ) -> bytes:
     """Return the envelope of a command, as encode_call; DataError if a field cannot be packed.
 
-    Args:
-        call_id: its identifier.
-        ttl_s: see CallHeader.
-        left_s: seconds until its deadline.
-        arguments: see CallHeader.
-        proof: era, echo_s and held_s; see CallHeader.
-        traceparent: see CallHeader.
+    `left_s` are the seconds until its deadline, `proof` its era, echo_s and held_s; see CallHeader.
     """
     client, epoch, sequence = call_id
     row = [PROTOCOL_VERSION, packed_client(client), epoch, sequence, ttl_s, left_s, None, arguments, None, *proof]
@@ -65,12 +53,7 @@ def encode_status(sequence: int, status: int, era: str, time_s: float) -> bytes:
 def encode_value(sequence: int, data: EALData, stamp_s: float | None, era: str, time_s: float) -> bytes:
     """Return the envelope of a reply with a value, as encode_reply; DataError if a field cannot be packed.
 
-    Args:
-        sequence: number of the call.
-        data: the value.
-        stamp_s: its time by the robot's clock.
-        era: see RobotTime.
-        time_s: see RobotTime.
+    `stamp_s` is the time of the value by the robot's clock.
     """
     c_type, _, shape, unit, frame_id, _ = data.description
     body = c_type.full_name, shape, unit, frame_id, stamp_s

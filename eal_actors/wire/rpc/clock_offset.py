@@ -66,27 +66,16 @@ class _OffsetSample:
 
 
 class OffsetEstimator:
-    """Estimates one robot's clock offset from its replies to pings. Thread: one at a time.
-
-    Args:
-        size: number of the last pings from which the best is chosen, 1 or more.
-    """
+    """Estimates one robot's clock offset from its replies to the last `size` pings. Thread: one at a time."""
 
     def __init__(self, size: int = 16) -> None:
         self._pings: deque[_OffsetSample] = deque(maxlen=size)
 
     def add(self, sent_s: float, received_s: float, replied_s: float, answered_s: float) -> None:
-        """Add an answered ping.
+        """Add an answered ping, with its four readings; see above.
 
-        Args:
-            sent_s: the controller's clock, read before the ping was sent.
-            received_s: the robot's clock, read after the ping arrived.
-            replied_s: the robot's clock, read before the reply was sent.
-            answered_s: the controller's clock, read after the reply arrived.
-
-        Raises:
-            ProtocolError: the readings are impossible: a clock ran backwards, or the robot held the ping for longer
-                than the whole round trip. Nothing is added.
+        Raises ProtocolError, and adds nothing, if they are impossible: a clock ran backwards, or the robot held the
+        ping for longer than the whole round trip.
         """
         away_s = answered_s - sent_s
         round_trip_s = away_s - (replied_s - received_s)
@@ -102,8 +91,7 @@ class OffsetEstimator:
     def estimate(self, at_s: float) -> Offset:
         """Return the best estimate; UnavailableError if no ping has been answered.
 
-        Args:
-            at_s: the controller's time for which the offset and its bound are wanted: now, or a future start.
+        `at_s` is the controller's time for which the offset and its bound are wanted: now, or a future start.
         """
         if not self._pings:
             raise UnavailableError("the clock offset is unknown: no ping was answered yet")

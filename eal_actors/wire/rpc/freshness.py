@@ -70,7 +70,6 @@ class Stamp(NamedTuple):
     """Proof of a command's age.
 
     Attributes:
-        call: identifier of the command.
         ttl_s: greatest age at its beginning, in seconds.
         era: the run of the robot's server that the echo is from.
         echo_s: reading of the robot's clock in one of its replies.
@@ -95,13 +94,10 @@ class Stamp(NamedTuple):
 
 
 class Stamper:
-    """Numbers and stamps a controller's commands to one robot.
+    """Numbers and stamps the commands of one client to one robot. Thread: one at a time.
 
     Times are the controller's clock in seconds, and do not decrease from call to call. Commands to a resource must be
-    sent in the order of their stamps. Thread: one at a time.
-
-    Args:
-        client: the controller's process; see keys.client_id.
+    sent in the order of their stamps.
 
     Attributes:
         epoch: number of the connection to the robot.
@@ -121,12 +117,9 @@ class Stamper:
         self.epoch += 1
 
     def heard(self, era: str, robot_s: float, now_s: float) -> None:
-        """Note the robot's clock from a reply or an event; the most precise echo is kept.
+        """Note the robot's clock from a reply or an event of a run of its server; the most precise echo is kept.
 
-        Args:
-            era: the run of the robot's server.
-            robot_s: the robot's clock, read before the reply was sent.
-            now_s: the controller's clock, read after the reply arrived.
+        The robot has read its clock before it sent the reply, the controller reads its own after the reply arrived.
         """
         held_s = now_s - self._came_s
         if era != self._era or held_s >= _RENEWAL_S or robot_s >= self._echo_s + held_s * (1 - MAX_DRIFT):
@@ -135,9 +128,7 @@ class Stamper:
     def stamp(self, ttl_s: float, now_s: float) -> Stamp:
         """Return the stamp of the next command; UnavailableError if the robot has not replied yet, so there is no echo.
 
-        Args:
-            ttl_s: greatest age at its beginning; longer than the round trip.
-            now_s: the controller's clock, read before sending.
+        `ttl_s` is its greatest age at its beginning, longer than the round trip. `now_s` is read before sending.
         """
         if self._era is None:
             raise UnavailableError("the robot has not answered yet: without its clock no command can be sent")
@@ -148,12 +139,7 @@ class Stamper:
 
 @dataclass(frozen=True, slots=True)
 class CommandRecord(Generic[T]):
-    """Record of an accepted command.
-
-    Attributes:
-        is_finished: whether it has ended.
-        outcome: its outcome once it has ended, else None.
-    """
+    """Record of an accepted command, with its outcome once it has ended."""
 
     is_finished: bool
     outcome: T | None = None
@@ -220,13 +206,8 @@ class CommandHistory(Generic[T]):
     def accept(self, stamp: Stamp, resource: str, now_s: float) -> float:
         """Accept a command, and return the earliest time of its sending; call `finish` when it has ended.
 
-        Args:
-            stamp: its stamp.
-            resource: name of the commanded resource.
-            now_s: the robot's clock, read after the command arrived.
-
-        Raises:
-            StaleCommandError: it is too old, was overtaken, or was accepted before. Nothing changes.
+        `now_s` is read after the command arrived. Raises StaleCommandError if it is too old, was overtaken, or was
+        accepted before; then nothing changes.
         """
         call, ttl_s, era, echo_s, held_s = stamp
         sent_s = echo_s + held_s * (1 - MAX_DRIFT)  # as Stamp.sent_s

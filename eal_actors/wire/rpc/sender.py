@@ -33,8 +33,7 @@ class Message(ABC):
     def send(self, *, is_last: bool) -> None:
         """Send the message; raises nothing.
 
-        Args:
-            is_last: no message waits behind it, so it must not be held back for a batch.
+        The last one has no message behind it, so it must not be held back for a batch.
 
         Thread: one that may wait for a link; blocks while that is full, at most until the engine closes it.
         """
@@ -53,11 +52,7 @@ class UrgentMessage(Message):
 class Sender(EALActor):
     """Sends messages in the order of their submission. Thread: an actor; any may call `submit`.
 
-    Args:
-        name: name of its thread.
-
-    Attributes:
-        unsent: the messages that were submitted and are not sent yet.
+    `unsent` are the messages that were submitted and are not sent yet.
     """
 
     def __init__(self, name: str) -> None:

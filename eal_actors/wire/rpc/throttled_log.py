@@ -25,9 +25,7 @@ _MAX_REASON: Final = 300
 class ThrottledLog:
     """Logs at most one warning of each source within PERIOD_S, and counts the others. Thread: any.
 
-    Args:
-        clock: real time; tests pass another one.
-        context: fields of every line, such as the fleet.
+    The context has the fields of every line, such as the fleet.
     """
 
     def __init__(self, clock: Clock = REAL_TIME, **context: str) -> None:

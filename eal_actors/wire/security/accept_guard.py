@@ -94,12 +94,9 @@ def _reserved_from(limit: int) -> int:
 
 @contextmanager
 def guarding(ports: Iterable[int], most: int, linked: Callable[[], list[str]]) -> Iterator[None]:
-    """Guard this process's listening TCP sockets for the length of a `with` block.
+    """Guard this process's TCP sockets that listen at some ports, for the length of a `with` block.
 
-    Args:
-        ports: where they listen.
-        most: limit of the connections without a finished handshake.
-        linked: returns the IP addresses of the connections whose handshake is done.
+    At most `most` connections may lack a finished handshake; `linked` returns the IP addresses of those that have one.
     """
     served = frozenset(ports)
     listeners = []
@@ -140,8 +137,7 @@ class AcceptGuard:
         listeners: duplicates of the listening sockets; they are closed with the guard.
         file_limit: limit of this process's open files.
         most: limit of the connections that are no links yet.
-        connected: returns the IP addresses of all connections.
-        linked: returns the IP addresses of the connections that are links.
+        connected: returns the IP addresses of all connections; `linked` those of the connections that are links.
     """
 
     def __init__(

@@ -49,9 +49,7 @@ _FLOWS: Final[tuple[_Flow, _Flow]] = ("ingress", "egress")
 def tls_config(security: SecurityConfig, name: str) -> dict[str, Any]:
     """Return the section `transport/link/tls` of a zenoh configuration; ConfigError if a file of the keys is missing.
 
-    Args:
-        security: its `keys` is the folder of the keys.
-        name: name of the certificate that this end presents.
+    The name is that of the certificate that this end presents.
     """
     certificate, key = certificate_file(security.keys, name), key_file(security.keys, name)
     authority = certificate_file(security.keys, AUTHORITY)

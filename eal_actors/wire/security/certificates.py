@@ -47,10 +47,8 @@ class Certificate:
     """Content of a certificate.
 
     Attributes:
-        name: its owner.
         hosts: host names and addresses of its owner; empty for an owner that only dials out.
-        begins: begin of its validity, in UTC.
-        expires: end of its validity, in UTC.
+        begins: begin of its validity, in UTC, as its end, `expires`.
     """
 
     name: str
@@ -90,13 +88,10 @@ def key_file(folder: Path, name: str) -> Path:
 def make_authority(folder: Path, fleet: str, *, force: bool = False) -> Certificate:
     """Create the authority of a fleet, which signs all its certificates.
 
-    Args:
-        folder: folder of the keys; created, readable for its owner only, if missing.
-        fleet: name of the fleet.
-        force: replace an existing authority, which invalidates all its certificates.
+    The folder of the keys is created, readable for its owner only, if it is missing. With `force`, an existing
+    authority is replaced, which invalidates all its certificates.
 
-    Raises:
-        ConfigError: an authority exists, the files cannot be written, or `cryptography` is not installed.
+    Raises ConfigError if an authority exists, the files cannot be written, or `cryptography` is not installed.
     """
     _require_cryptography()
     from cryptography import x509
@@ -114,18 +109,12 @@ def make_authority(folder: Path, fleet: str, *, force: bool = False) -> Certific
 def make_certificate(
     folder: Path, name: str, hosts: Iterable[str] = (), *, valid: timedelta = VALID, force: bool = False
 ) -> Certificate:
-    """Create a certificate, valid for dialling out and for being dialled at the hosts.
+    """Create a certificate, valid for dialling out and for being dialled at the hosts, from now on for a lifetime.
 
-    Args:
-        folder: folder of the keys, with the authority.
-        name: its owner; access control uses it.
-        hosts: host names and addresses of the owner.
-        valid: its lifetime from now on.
-        force: replace an existing certificate.
+    The folder has the authority. Access control uses the name. With `force`, an existing certificate is replaced.
 
-    Raises:
-        ConfigError: the name is invalid, the certificate exists, the authority is missing or unreadable, the files
-            cannot be written, or `cryptography` is not installed.
+    Raises ConfigError if the name is invalid, the certificate exists, the authority is missing or unreadable, the files
+    cannot be written, or `cryptography` is not installed.
     """
     _require_cryptography()
     if not re.fullmatch(NAME_PATTERN, name) or len(name) > _MAX_NAME or name.lower() == AUTHORITY:
@@ -137,13 +126,8 @@ def make_certificate(
 def renew_certificate(folder: Path, name: str, valid: timedelta | None = None) -> Certificate:
     """Replace a certificate and its key by new ones for the same hosts.
 
-    Args:
-        folder: folder of the keys, with the authority.
-        name: its owner.
-        valid: its lifetime from now on; that of the present certificate if None.
-
-    Raises:
-        ConfigError: there is no such certificate, or as make_certificate.
+    It is valid from now on for the given lifetime, for that of the present one if None. Raises ConfigError if there is
+    no such certificate, or as make_certificate.
     """
     _require_cryptography()
     file = certificate_file(folder, name)

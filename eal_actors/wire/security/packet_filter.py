@@ -32,11 +32,9 @@ _PASS: Final[_Instruction] = (_RETURN, 0, 0, _ALL)
 
 
 class PacketRule(NamedTuple):
-    """Which packets of new connections pass.
+    """Which packets of new connections pass, by IP addresses; the first MAX_ADDRESSES of each version count.
 
-    Attributes:
-        addresses: IP addresses; the first MAX_ADDRESSES of each version count.
-        are_dropped: packets from these are dropped and all others pass; else these pass and all others are dropped.
+    Packets from these are dropped and all others pass if `are_dropped`; else these pass and all others are dropped.
     """
 
     addresses: tuple[str, ...]

@@ -198,11 +198,7 @@ class StreamPublisher(EALActor):
 
 
 class _PublishedStream:
-    """One stream and its readers.
-
-    Attributes:
-        leases: by client, the real time at which its lease ends.
-    """
+    """One stream and its readers. `leases` has, by client, the real time at which its lease ends."""
 
     def __init__(self, publisher: StreamPublisher, key: str, handle: ResourceHandle, spec: StreamSpec) -> None:
         self.key = key

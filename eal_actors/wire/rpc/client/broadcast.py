@@ -55,9 +55,7 @@ def ask_robots(
         on_result: called once for each robot: when it has answered, or at the end.
         timeout_s: greatest real seconds to wait.
 
-    Raises:
-        UnavailableError: no router answers.
-        ConfigError: the keys are missing.
+    Raises UnavailableError if no router answers, and ConfigError if the keys are missing.
 
     Thread: blocks the caller, which also runs `on_result`.
     """

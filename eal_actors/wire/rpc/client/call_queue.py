@@ -49,15 +49,8 @@ _RECONNECT_S: Final = 1.0
 class CallQueue(UrgentMessage):
     """Outgoing calls to one robot. It takes the place of the resources' actors and their mailboxes.
 
-    Args:
-        channel: the connection to the robot.
-        capacity: limit of the pending calls to one resource.
-
-    Attributes:
-        tracker: our commands whose outcome has not arrived.
-        window: calls in flight to all robots.
-
-    Thread: any, unless noted.
+    `capacity` limits the pending calls to one resource. `tracker` has our commands whose outcome has not arrived,
+    `window` the calls in flight to all robots. Thread: any, unless noted.
     """
 
     def __init__(self, channel: Channel, capacity: int) -> None:
@@ -123,13 +116,7 @@ class CallQueue(UrgentMessage):
     def put_urgent(
         self, envelope: Call[Any], *, bounded: bool = True, drop: Callable[[Envelope], bool] | None = None
     ) -> list[Envelope]:
-        """Add a call before all others, and return the calls that `drop` removes; see Inbox.
-
-        Raises:
-            AccessDeniedError: the robot does not grant it.
-            BusyError: too many calls to its resource are pending.
-            UnavailableError: the connection has ended.
-        """
+        """Add a call before all others, and return the calls that `drop` removes; see Inbox. Raises as `put`."""
         dropped: list[Envelope] = []
         with self._lock:
             self._admit(envelope)

@@ -40,8 +40,7 @@ PAUSE_S: Final = 0.001
 class InFlightWindow:
     """The unanswered calls of one session. Thread: any, except for the methods that wait. A set needs no lock for that.
 
-    Attributes:
-        calls: the calls, each added before it is sent and taken out by `answered`.
+    Each of `calls` is added before it is sent, and taken out by `answered`.
     """
 
     def __init__(self) -> None:
@@ -86,12 +85,6 @@ class EncodedCall(NamedTuple):
     """A call that is ready to be sent.
 
     Attributes:
-        robot: the robot's name.
-        resource: the resource's name.
-        method: the method.
-        envelope: its envelope.
-        payload: its payload.
-        key: its key.
         group: calls of one group may be sent together; empty for a call that is sent alone.
         pending: calls to the robot; they are lost if it is unreachable, so that no reply will arrive.
     """
@@ -147,12 +140,7 @@ class CallSender(Sender):
             self._is_gathering = False
 
     def gather(self, call: EncodedCall, *, is_last: bool) -> None:
-        """Send a call together with those before it, at the latest when no message waits.
-
-        Args:
-            call: the call.
-            is_last: whether no message waits behind it.
-        """
+        """Send a call with those before it, at the latest when no message waits; the last one has none behind it."""
         size = len(call.envelope) + len(call.payload)
         if not call.group or size > MAX_ROW_BYTES:
             self.flush()

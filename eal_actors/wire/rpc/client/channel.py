@@ -43,7 +43,6 @@ class Channel:
     """Connection to one robot. Thread: any; nothing blocks.
 
     Attributes:
-        name: the robot's name.
         clock: the fleet's clock.
         inbox: mailbox and timers of the connection's actor.
         controller: the fleet's network.
@@ -155,8 +154,6 @@ class _Request(UrgentMessage):
     """Call of a method of the robot itself, with the clock readings that its reply needs.
 
     Attributes:
-        channel: the robot's channel.
-        key: key of the call.
         header: header of the call; its time to live is the time-out of the reply.
         on_answer: called with the answer, in the reader's thread.
         on_failure: called if there is no answer, in any thread.

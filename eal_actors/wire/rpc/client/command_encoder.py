@@ -18,11 +18,7 @@ TTL_S: Final = 1.0
 
 
 class CommandEncoder:
-    """Encodes commands.
-
-    Args:
-        channel: the connection to the robot.
-    """
+    """Encodes commands to the robot of a channel."""
 
     def __init__(self, channel: Channel) -> None:
         self._channel = channel
@@ -43,17 +39,10 @@ class CommandEncoder:
     ) -> tuple[CallId, bytes, Payload]:
         """Return the identifier, the envelope and the payload of a command or a stop.
 
-        Args:
-            call: the call.
-            plain: its text and int arguments.
-            data: its value.
-            traceparent: see CallHeader.
-            now_s: real time, read before `left_s`: so their sum is never later than the deadline.
-            left_s: real seconds until its deadline.
+        `plain` are its text and int arguments, `data` is its value, `left_s` the real seconds until its deadline.
+        `now_s` is real time, read before `left_s`: so their sum is never later than the deadline.
 
-        Raises:
-            DataError: it cannot be sent.
-            UnavailableError: the robot has not replied yet.
+        Raises DataError if it cannot be sent, and UnavailableError if the robot has not replied yet.
         """
         stamper = self._channel.stamper
         echo = self._echo

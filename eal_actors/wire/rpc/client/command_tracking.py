@@ -48,9 +48,8 @@ class CommandBoard:
     def replace(self, rows: object, as_of_s: float = math.inf) -> None:
         """Replace all entries; ProtocolError if the rows are malformed.
 
-        Args:
-            rows: rows of client, epoch, sequence and fields, from a message.
-            as_of_s: robot's time of the message; commands that began later stay listed.
+        The rows are of client, epoch, sequence and fields, from a message of a time of the robot; commands that began
+        later stay listed.
         """
         try:
             entries = {
@@ -98,10 +97,7 @@ class CommandBoard:
 
 
 def progress_from(row: object) -> Progress | None:
-    """Decode a progress: fraction, text and time; None if there is none.
-
-    Raises ProtocolError if it is malformed.
-    """
+    """Decode a progress: fraction, text and time; None if there is none, ProtocolError if it is malformed."""
     if row is None:
         return None
     try:
@@ -130,10 +126,7 @@ def _localized(running: RunningCommand, to_local: Callable[[float], float]) -> R
 
 
 class CommandTracker:
-    """Our commands to one robot that were sent and whose outcome has not arrived.
-
-    Attributes:
-        commands: the commands by their identifiers.
+    """Our commands to one robot that were sent and whose outcome has not arrived, by their identifiers.
 
     Thread: any, except `tick` and `reattach`.
     """

@@ -59,7 +59,6 @@ class RobotListener(NamedTuple):
     """Callbacks of a connection to one robot; none blocks.
 
     Attributes:
-        name: the robot's name.
         on_alive: its liveliness token appeared; called with its protocol version. Thread: a reader's.
         on_gone: its token disappeared; called with the reason. Thread: a reader's.
         on_reply: a reply arrived; called with its envelope and its payload. Thread: a reader's.
@@ -79,7 +78,6 @@ class Controller(EALActor):
     """Network of one fleet in this process; ConfigError if its keys are missing.
 
     Attributes:
-        fleet: the fleet's name.
         client: identifier of this controller, new in each process; see keys.client_id.
         certificate: name of its certificate; None in a fleet without security.
         display_name: its name for people, which robots show.
@@ -90,8 +88,8 @@ class Controller(EALActor):
         sharing: whether memory is shared with robots on this machine.
         local: its local links to them.
 
-    Thread: an actor, which opens the session and sends the heartbeat. The readers' threads run the
-        listeners' callbacks.
+    Thread: an actor, which opens the session and sends the heartbeat. The readers' threads run the listeners'
+    callbacks.
     """
 
     def __init__(self, config: FleetConfig, clock: Clock, robots: Iterable[str] | None = None) -> None:
@@ -279,8 +277,7 @@ class Controller(EALActor):
     def subscribe(self, key: str, on_sample: Callable[[str, zenoh.Sample], None]) -> Callable[[], None] | None:
         """Subscribe to a key; the callback runs in a thread of the subscription.
 
-        Returns:
-            A function that ends the subscription; None if the network is not open.
+        Returns a function that ends the subscription; None if the network is not open.
         """
         import zenoh
 
@@ -300,13 +297,8 @@ class Controller(EALActor):
     ) -> bool:
         """Send a call to a robot; return False if the robot is unreachable, so that no reply will arrive.
 
-        Args:
-            robot: the robot's name.
-            key: key of the call.
-            envelope: its envelope.
-            payload: its payload.
-            is_urgent: whether it overtakes the messages that wait in the link.
-            is_last: whether no other call follows at once; others may be sent as a batch.
+        An urgent one overtakes the messages that wait in the link. One that is not the last may be sent with the next
+        as a batch.
 
         Thread: any that may wait; blocks only while a link is full, at most until the engine closes that link.
         """

@@ -29,13 +29,9 @@ PROBE_S: Final = 2.0
 
 
 class FoundRobot(NamedTuple):
-    """Robot that was found.
+    """Robot that was found, with its fleet's name and identity, if that has one.
 
-    Attributes:
-        fleet: its fleet's name.
-        robot: its name.
-        endpoint: its endpoint, or that of a router that leads to it.
-        identity: its fleet's identity, if it has one.
+    `endpoint` is its own, or that of a router that leads to it.
     """
 
     fleet: str
@@ -46,11 +42,9 @@ class FoundRobot(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Discovery:
-    """Result of scouting.
+    """Result of scouting: the robots, sorted by fleet and name.
 
-    Attributes:
-        robots: the robots, sorted by fleet and name.
-        closed: endpoints that require certificates or lead to no robot.
+    `closed` are endpoints that require certificates or lead to no robot.
     """
 
     robots: tuple[FoundRobot, ...]
@@ -93,9 +87,7 @@ def robots_at(endpoint: str, fleet: FleetConfig | None = None, timeout_s: float 
         fleet: its keys are used and only its robots are returned; robots of any fleet if None.
         timeout_s: greatest real seconds to wait for an answer.
 
-    Raises:
-        UnavailableError: nothing answers there.
-        ConfigError: the fleet's keys are missing.
+    Raises UnavailableError if nothing answers there, and ConfigError if the fleet's keys are missing.
     """
     network = None if fleet is None else fleet.network
     wanted = keys.ALL_ALIVE if fleet is None else keys.alive_keys(fleet.network_name)

@@ -22,14 +22,10 @@ _MOST_KNOWN: Final = 256
 
 
 class LocalLinks:
-    """Local links by robot and by process. Thread: any.
+    """Local links by process; `links` has them by robot. Thread: any.
 
-    Args:
-        is_on: whether the fleet file allows them.
-        receive: handles a reply: the robot, the envelope and the payload. Thread: a link's.
-
-    Attributes:
-        links: the links of the robots that have one.
+    The fleet file says whether there are any. `receive` handles a reply: the robot, the envelope and the payload.
+    Thread: a link's.
     """
 
     def __init__(self, receive: Callable[[str, bytes, bytes], None], *, is_on: bool) -> None:
@@ -44,11 +40,7 @@ class LocalLinks:
     def connect(self, robot: str, process: str, address: str, on_lost: Callable[[], None]) -> None:
         """Give a robot a link to its process, if that is on this machine. Thread: blocks the caller for a moment.
 
-        Args:
-            robot: the robot's name.
-            process: its process, see `dial`.
-            address: its address.
-            on_lost: called when the link has ended, and the calls on it are lost. Thread: the link's.
+        `on_lost` is called when the link has ended, and the calls on it are lost. Thread: the link's.
         """
         if not self._is_on or not process or address == BEHIND_ROUTER:
             return

@@ -36,10 +36,9 @@ class PendingCall(Protocol):
 
 
 class PendingCalls:
-    """Pending calls of one robot. Thread: any.
+    """Pending calls of one robot by their numbers. Thread: any.
 
-    Attributes:
-        calls: the calls by their numbers; added before they are sent. The thread that removes one calls its method.
+    They are added before they are sent. The thread that removes one calls its method.
     """
 
     def __init__(self) -> None:

@@ -26,12 +26,9 @@ PING_TIMEOUT_S: Final = 2.0
 
 
 class ClockEstimate(NamedTuple):
-    """Offset of a robot's clock as of the last reply.
+    """Offset of a robot's clock as of the last reply, in one run of its server.
 
-    Attributes:
-        era: the run of the robot's server.
-        offset: offset of its clock.
-        at_s: our time (REAL_TIME) of the estimate; from then on its error grows by MAX_DRIFT.
+    `at_s` is our time (REAL_TIME) of the estimate; from then on its error grows by MAX_DRIFT.
     """
 
     era: str
@@ -42,8 +39,7 @@ class ClockEstimate(NamedTuple):
 class ClockTracker:
     """Tracks the clock of one robot. Thread: any.
 
-    Attributes:
-        latest: the last estimate; None before the first reply. Read by any thread.
+    `latest` is the last estimate; None before the first reply.
     """
 
     def __init__(self) -> None:
@@ -55,14 +51,8 @@ class ClockTracker:
     def read_ping(self, answer: Answer, time: RobotTime | None, sent_s: float, answered_s: float) -> Ping:
         """Return the result of a ping, and learn the offset from it.
 
-        Args:
-            answer: the robot's answer.
-            time: the robot's clock, from the reply.
-            sent_s: our clock (REAL_TIME), read before the ping was sent.
-            answered_s: our clock, read when the reply arrived.
-
-        Raises:
-            EALError: the robot answered with it, or the answer is malformed.
+        Our clock (REAL_TIME) was read before the ping was sent and when the reply arrived. Raises EALError if the robot
+        answered with it, or the answer is malformed.
         """
         if isinstance(answer, EALError):
             raise answer

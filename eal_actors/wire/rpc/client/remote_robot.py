@@ -42,7 +42,6 @@ class RemoteSpec(NamedTuple):
     """Specification of a remote robot.
 
     Attributes:
-        name: the robot's name.
         address: its address, for messages.
         clock: the fleet's clock.
         timeout_s: the default deadline of a call.

@@ -26,12 +26,7 @@ _TIMEOUT_S: Final = 2.0
 
 
 class MemorySharing:
-    """Whether a controller shares memory with robots on this machine.
-
-    Args:
-        fleet: the fleet's name.
-        is_on: whether it does; False once the system has refused memory.
-    """
+    """Whether a controller of a fleet shares memory with robots on this machine: not once the system has refused it."""
 
     def __init__(self, fleet: str, *, is_on: bool) -> None:
         self.is_on = is_on
@@ -81,9 +76,7 @@ class ValueMemory:
     def take(self, value: SharedValue) -> Payload:
         """Return a value; see OwnedMemory.take. Thread: any.
 
-        Raises:
-            ProtocolError: there is no such place.
-            UnavailableError: the value is no longer there.
+        Raises ProtocolError if there is no such place, and UnavailableError if the value is no longer there.
         """
         for memory in self._memories:
             if memory.offer.inode == value.inode:

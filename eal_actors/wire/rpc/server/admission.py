@@ -53,10 +53,8 @@ class ControllerNames:
     def note(self, client: str, caller: str, name: str = "") -> None:
         """Store a controller's display name, without characters that a terminal cannot print.
 
-        Args:
-            client: the controller.
-            caller: name of its certificate; ANYBODY in a fleet without security.
-            name: how it calls itself; the stored name stays if empty.
+        The caller is the name of its certificate, ANYBODY in a fleet without security; the name is how it calls itself.
+        If that is empty, the stored name stays.
         """
         names = self._names.get(certificate_id(client), _NO_NAMES)
         if not name and client in names:  # every call but the first
@@ -86,11 +84,9 @@ class ControllerNames:
 
 
 class Admitted(NamedTuple):
-    """A command that was admitted.
+    """A command that was admitted, at a real time of the robot.
 
     Attributes:
-        call_id: its identifier.
-        at_s: robot's real time of the admission.
         begin_in_s: real seconds from then within which it must begin.
         left_s: real seconds from then until its deadline.
     """
@@ -108,7 +104,6 @@ class Admission:
         era: the run of the robot's server.
         exclusive: names of the resources that one controller at a time may command.
         dead_man_s: real seconds that a controller may be silent.
-        clock: real time; tests pass another one.
 
     Attributes:
         names: display names of the controllers.

@@ -22,13 +22,9 @@ _CHECK_S: Final = 1.0
 
 
 class ControllerMemories:
-    """Memory of controllers by their client identifiers.
+    """Memory of controllers by their client identifiers, if the fleet file enables it.
 
     A controller that closes its memory, or is killed, is noticed within a second. Thread: any.
-
-    Args:
-        robot: the robot's name, for the log.
-        is_enabled: whether the fleet file allows it.
     """
 
     def __init__(self, robot: str, *, is_enabled: bool) -> None:

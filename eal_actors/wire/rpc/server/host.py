@@ -45,11 +45,8 @@ _TICK_RANGE_S: Final = (0.02, 0.25)
 class RobotHost(EALActor):
     """Receives the calls and heartbeats of a session's robots, runs their timers and owns their outbox.
 
-    Args:
-        fleet: the fleet's name.
-        session: an open session, which outlives the host.
-        network: the fleet's network; its dead-man's time determines the period of the timer.
-        robot: name of the only robot; None to subscribe to the calls of all robots of the fleet.
+    It subscribes to the calls of all robots of the fleet, unless `robot` is the only one. The network's dead-man's time
+    determines the period of the timer. The session is open and outlives the host.
 
     Thread: an actor, which never waits for a link, so that a dead-man's switch halts in time.
     """
@@ -107,11 +104,9 @@ class RobotHost(EALActor):
             server.move_to(session)
 
     def serve(self, robot: RobotHandle, exclusive: Iterable[str] | None = None) -> RobotServer:
-        """Serve a robot until its server is closed. Thread: blocks the caller for a moment.
+        """Serve a started robot of this process until its server is closed. Thread: blocks the caller for a moment.
 
-        Args:
-            robot: a started robot of this process.
-            exclusive: names of the resources that one controller at a time may command; every actuator if None.
+        `exclusive` are the resources that one controller at a time may command; every actuator if None.
         """
         server = RobotServer(
             self._fleet,

@@ -54,11 +54,8 @@ class Leases:
 
     Args:
         exclusive: names of the resources that one client at a time may command.
-        dead_man_s: seconds that a holder may be silent, 0.1..60.
+        dead_man_s: seconds that a holder may be silent, 0.1..60; ArgumentError if it is none of these.
         name_of: returns the display name of a client.
-
-    Raises:
-        ArgumentError: `dead_man_s` is outside its range.
     """
 
     def __init__(
@@ -131,12 +128,9 @@ class Leases:
 
 
 class SilentController(NamedTuple):
-    """Resource whose responsible client fell silent.
+    """Resource to halt, since the client that commanded it last fell silent.
 
-    Attributes:
-        resource: the resource to halt.
-        client: the client that commanded it last.
-        heard_s: robot's time of that client's last heartbeat or command.
+    `heard_s` is the robot's time of that client's last heartbeat or command.
     """
 
     resource: str
@@ -145,15 +139,10 @@ class SilentController(NamedTuple):
 
 
 class DeadManSwitch:
-    """Watches the clients that command a robot's resources; at most one entry a resource.
+    """Watches the clients that command a robot's resources; at most one entry a resource. Thread: one at a time.
 
-    All times are the robot's clock in seconds, and do not decrease from call to call. Thread: one at a time.
-
-    Args:
-        dead_man_s: seconds that a client may be silent, 0.1..60.
-
-    Raises:
-        ArgumentError: `dead_man_s` is outside its range.
+    All times are the robot's clock in seconds, and do not decrease from call to call. A client may be silent for
+    `dead_man_s` seconds, 0.1..60; ArgumentError if it is none of these.
     """
 
     def __init__(self, dead_man_s: float = DEFAULT_DEAD_MAN_S) -> None:

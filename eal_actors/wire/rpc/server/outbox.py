@@ -34,9 +34,7 @@ MAX_BACKLOG_BYTES: Final = 64 * 1024 * 1024
 class Outbox(Sender):
     """Sends replies and events; those that wait together are sent as a batch. Thread: an actor.
 
-    Attributes:
-        urgent: sends the urgent messages.
-        is_full: whether so many bytes wait that no further value may be queued.
+    `urgent` sends the urgent messages. `is_full` is whether so many bytes wait that no further value may be queued.
     """
 
     def __init__(self, name: str, transport: Transport) -> None:
@@ -159,12 +157,7 @@ class _OutgoingMessage(Message):
 
 @dataclass(slots=True, eq=False)
 class ReplyBatch(Message):
-    """Replies to the calls of one batch.
-
-    Attributes:
-        outbox: sends them.
-        key: their key.
-    """
+    """Replies to the calls of one batch, with one key, which an outbox sends."""
 
     outbox: Outbox
     key: str

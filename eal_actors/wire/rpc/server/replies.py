@@ -24,14 +24,7 @@ from eal_actors.wire.shared_memory import LEAST_BYTES, SharedValue
 
 
 class Replies:
-    """Replies of one robot.
-
-    Args:
-        robot: the robot.
-        era: the run of its server.
-        outbox: sends the replies.
-        memories: memory that controllers share with the robot.
-    """
+    """Replies of one robot, in one run of its server."""
 
     def __init__(self, robot: RobotHandle, era: str, outbox: Outbox, memories: ControllerMemories) -> None:
         self._robot = robot.name
@@ -60,12 +53,8 @@ class Replies:
     ) -> None:
         """Reply to a call.
 
-        Args:
-            reply_to: address of the reply.
-            answer: the answer.
-            began_s: when a command with a start time began, in real time.
-            send: how to send it; as Outbox.publish, which is the default.
-            shared: place of a value in shared memory, which is not sent.
+        `began_s` is when a command with a start time began, in real time. A value in shared memory is not sent. `send`
+        is how to send it, as Outbox.publish, which is the default.
         """
         if type(answer) is int and began_s is None:  # the usual outcome of a command
             envelope = encode_status(reply_to.sequence, answer, self._era, REAL_TIME.now())
@@ -92,11 +81,7 @@ class Replies:
     ) -> None:
         """Reply to a call that changes nothing; its value may be handed over in shared memory.
 
-        Args:
-            reply_to: address of the reply.
-            client: the controller.
-            send: how to send it; as Outbox.publish.
-            done: the call; with the next argument, as a relay has them.
+        `send` is how to send it, as Outbox.publish. A relay has the last two arguments: the call is done.
         """
         value = done.outcome[0]
         if type(value) is EALData and value.length < LEAST_BYTES and not self._outbox.is_full:  # the usual case

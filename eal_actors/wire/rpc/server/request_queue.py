@@ -27,8 +27,7 @@ _MAX_TEXT: Final = 16_384
 class RequestQueue:
     """Queue of calls; each is an action. Thread: any.
 
-    Args:
-        run: runs an action in the host's thread, after the timers that are due.
+    `run` runs an action in the host's thread, after the timers that are due.
     """
 
     def __init__(self, run: Callable[[Callable[[], None]], None]) -> None:
@@ -40,9 +39,8 @@ class RequestQueue:
     def add(self, call: CallKey, header: CallHeader, action: Callable[[], None]) -> None:
         """Queue a call. Does not block.
 
-        Raises:
-            BusyError: too many calls of the client's certificate to the robot wait.
-            ProtocolError: its texts are too long.
+        Raises BusyError if too many calls of the client's certificate to the robot wait, and ProtocolError if its texts
+        are too long.
         """
         check_texts(call.method, header.arguments, _MAX_TEXT)
         owner = call.robot, certificate_id(header.client)

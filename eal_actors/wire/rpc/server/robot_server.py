@@ -65,14 +65,10 @@ _MAX_REASON: Final = 500  # each ping and handshake contains it
 
 
 class RobotServer:
-    """Serves one robot; made by RobotHost.serve. Thread: any; slow work runs in the host's.
+    """Serves one started robot of this process; made by RobotHost.serve. Thread: any; slow work runs in the host's.
 
     Args:
-        fleet: the fleet's name.
-        robot: a started robot of this process.
         session: an open session, which outlives the server.
-        network: the fleet's network.
-        outbox: sends its replies and events.
         process: identifier of its host.
         exclusive: names of the resources that one controller at a time may command; every actuator if None.
         revoke: adds names to the list of revoked certificates; runs in the host's thread.
@@ -171,9 +167,9 @@ class RobotServer:
         self.close()
 
     def wait(self) -> None:
-        """Wait until the server is closed; UnavailableError if it has failed; the robot is halted and unreachable.
+        """Wait until the server is closed. Thread: blocks the caller.
 
-        Thread: blocks the caller.
+        Raises UnavailableError if it has failed; the robot is halted and unreachable.
         """
         while not self._is_closed:
             REAL_TIME.wait(self._ended, None)

@@ -36,7 +36,6 @@ class ReplyTo(NamedTuple):
     """Address of a reply.
 
     Attributes:
-        key: key on which to reply.
         sequence: number of the call.
         is_urgent: whether the reply overtakes queued messages.
         batch: where replies to the same batch of calls gather; None for a call that came alone.
@@ -56,14 +55,11 @@ class ServedCommand:
 
     Attributes:
         finish: called with it when it has ended.
-        call_id: its identifier.
         reply_to: address of the reply; None once the reply was sent.
-        call: the call to the resource.
         since_s: real time of its arrival.
         value_bytes: size of its value.
         is_announced: whether an event has announced it.
-        last_progress: the progress last published.
-        last_progress_s: real time of that publication.
+        last_progress_s: real time at which `last_progress` was published.
     """
 
     finish: Callable[[ServedCommand], None]
