@@ -221,13 +221,12 @@ def open_session(
 
     A client waits for the first router that answers. Peers and routers open without waiting; a refused link, for
     example for a missing certificate, shows only as calls without replies. `on_stuck` is called when the engine
-    finishes no handshake any more; the session should be opened again then.
+    finishes no handshake any more; the session should be opened again then. Thread: any; blocks while it opens, and up
+    to CLOSE_TIMEOUT_S while it closes.
 
     Raises:
         UnavailableError: the port is in use, no router answers, or it took longer than `timeout_s` real seconds.
         ProtocolError: zenoh does not take the configuration.
-
-    Thread: any; blocks while it opens, and up to CLOSE_TIMEOUT_S while it closes.
     """
     import zenoh
 

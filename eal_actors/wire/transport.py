@@ -74,9 +74,8 @@ class Transport:
         """Send a message; returns False if it could not be sent.
 
         An urgent one overtakes the messages that wait in the link. One that is not the last may be sent with the next
-        as a batch. A vital one waits for a full link; others are dropped there.
-
-        Thread: any that may wait; blocks only while a link is full, at most until the engine closes that link.
+        as a batch. A vital one waits for a full link; others are dropped there. Thread: any that may wait; blocks only
+        while a link is full, at most until the engine closes that link.
         """
         publisher = self._publishers[is_vital].get(key)
         content = payload if type(payload) is bytes else bytes(payload)

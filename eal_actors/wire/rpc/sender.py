@@ -33,9 +33,8 @@ class Message(ABC):
     def send(self, *, is_last: bool) -> None:
         """Send the message; raises nothing.
 
-        The last one has no message behind it, so it must not be held back for a batch.
-
-        Thread: one that may wait for a link; blocks while that is full, at most until the engine closes it.
+        The last one has no message behind it, so it must not be held back for a batch. Thread: one that may wait for a
+        link; blocks while that is full, at most until the engine closes it.
         """
 
 

@@ -298,9 +298,8 @@ class Controller(EALActor):
         """Send a call to a robot; return False if the robot is unreachable, so that no reply will arrive.
 
         An urgent one overtakes the messages that wait in the link. One that is not the last may be sent with the next
-        as a batch.
-
-        Thread: any that may wait; blocks only while a link is full, at most until the engine closes that link.
+        as a batch. Thread: any that may wait; blocks only while a link is full, at most until the engine closes that
+        link.
         """
         transport = self._transport
         if transport is None:
