@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError
@@ -265,9 +265,9 @@ def _open(checked: zenoh.Config, config: dict[str, Any], timeout_s: float) -> ze
 
     end_s = REAL_TIME.now() + timeout_s
     while True:
-        opening = _BoundedCall(lambda: zenoh.open(checked), "eal-net-open", discard=_close_now)
+        left_s = max(end_s - REAL_TIME.now(), 0.0)
         try:
-            return opening.result(max(end_s - REAL_TIME.now(), 0.0))
+            return _in_time(lambda: zenoh.open(checked), left_s, "eal-net-open", discard=_close_now)
         except TimeoutError:
             places = ", ".join(endpoints_of(config))
             raise UnavailableError(f"{places}: the network session did not open within {timeout_s:g} s") from None
@@ -300,40 +300,32 @@ def _close_now(session: zenoh.Session) -> None:
 
 
 def _close(session: zenoh.Session, config: dict[str, Any]) -> None:
-    closing = _BoundedCall(lambda: _close_now(session), "eal-net-close")
     try:
-        closing.result(CLOSE_TIMEOUT_S)
+        _in_time(lambda: _close_now(session), CLOSE_TIMEOUT_S, "eal-net-close")
     except TimeoutError:
         message = f"the network session did not close within {CLOSE_TIMEOUT_S:g} s and was abandoned"
         get_logger().warning(message, endpoints=endpoints_of(config))
 
 
-class _BoundedCall(Generic[T]):
-    """Call into zenoh that may hang, in its own thread; `discard` gets a result that arrives after the time-out."""
+def _in_time(work: Callable[[], T], timeout_s: float, name: str, discard: Callable[[T], object] = lambda _: None) -> T:
+    """Return the result of a call into zenoh that may hang, made in its own thread; TimeoutError if it takes longer.
 
-    def __init__(self, work: Callable[[], T], name: str, discard: Callable[[T], object] | None = None) -> None:
-        self._work = work
-        self._discard = discard
-        self._outcome: Future[T] = Future()
-        self._waiter = new_waiter()
-        start_thread(self._run, name)
+    `discard` gets a result that arrives after the time-out. Thread: blocks the caller.
+    """
+    outcome: Future[T] = Future()
+    waiter = new_waiter()
 
-    def _run(self) -> None:
+    def run() -> None:
         try:
-            self._outcome.set_result(self._work())
-        except Exception as error:  # noqa: BLE001  # raised again by result()
-            self._outcome.set_exception(error)
-        REAL_TIME.wake(self._waiter)
+            outcome.set_result(work())
+        except Exception as error:  # noqa: BLE001  # raised again below
+            outcome.set_exception(error)
+        REAL_TIME.wake(waiter)
 
-    def result(self, timeout_s: float) -> T:
-        """Return the call's result or raise its error; TimeoutError if it takes longer. Thread: blocks the caller."""
-        try:
-            REAL_TIME.wait(self._waiter, timeout_s)
-            return self._outcome.result(timeout=0)
-        except (TimeoutError, KeyboardInterrupt):
-            self._outcome.add_done_callback(self._discard_result)
-            raise
-
-    def _discard_result(self, outcome: Future[T]) -> None:
-        if self._discard is not None and outcome.exception() is None:
-            self._discard(outcome.result())
+    start_thread(run, name)
+    try:
+        REAL_TIME.wait(waiter, timeout_s)
+        return outcome.result(timeout=0)
+    except (TimeoutError, KeyboardInterrupt):
+        outcome.add_done_callback(lambda late: discard(late.result()) if late.exception() is None else None)
+        raise

@@ -163,7 +163,6 @@ class AcceptGuard:
         self._poll = select.epoll()
         self._warn_at_s = 0.0
         self._ends = False
-        self.refused = 0
         for listener in listeners:
             listener.listen(most // _QUEUE_SHARE)
             self._poll.register(listener, select.EPOLLIN | select.EPOLLET)
@@ -258,7 +257,6 @@ class AcceptGuard:
             try:
                 while not self._ends:
                     listener.accept()[0].close()
-                    self.refused += 1
             except BlockingIOError:  # no more wait
                 pass
             except OSError:  # the engine has taken the last descriptor

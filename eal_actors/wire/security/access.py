@@ -13,7 +13,6 @@ A robot also sends its grants in the handshake (`encode_rights`), so that a cont
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any, Final, Literal, Self
 
 from eal_actors.kernel.errors import AccessDeniedError, ConfigError, Problem, ProtocolError
@@ -72,8 +71,7 @@ def tls_config(security: SecurityConfig, name: str) -> dict[str, Any]:
 
 def robot_access(fleet: FleetConfig, security: SecurityConfig, robot: str) -> dict[str, Any]:
     """Return the access control of a robot: the grants of controllers and observers."""
-    rules = _AccessRules(fleet)
-    rules.allow_routers(security)
+    rules = _AccessRules(fleet, security)
     rules.allow_authority((robot,))
     for grant in security.grants:
         if grant.robots is None or robot in grant.robots:
@@ -83,8 +81,7 @@ def robot_access(fleet: FleetConfig, security: SecurityConfig, robot: str) -> di
 
 def controller_access(fleet: FleetConfig, security: SecurityConfig, robots: Sequence[str]) -> dict[str, Any]:
     """Return the access control of a controller: each robot publishes under its own name only."""
-    rules = _AccessRules(fleet)
-    rules.allow_routers(security)
+    rules = _AccessRules(fleet, security)
     for robot in robots:
         rules.allow_robot(robot)
     return rules.config()
@@ -92,8 +89,7 @@ def controller_access(fleet: FleetConfig, security: SecurityConfig, robots: Sequ
 
 def router_access(fleet: FleetConfig, security: SecurityConfig) -> dict[str, Any]:
     """Return the access control of a router, which checks controllers and robots."""
-    rules = _AccessRules(fleet)
-    rules.allow_routers(security)
+    rules = _AccessRules(fleet, security)
     rules.allow_authority(("*",))
     revoked = revoked_names(security.keys)
     for robot in fleet.robots:
@@ -105,11 +101,19 @@ def router_access(fleet: FleetConfig, security: SecurityConfig) -> dict[str, Any
 
 
 class _AccessRules:
-    """Rules of one end of a link, by the name of the certificate at its other end."""
+    """Rules of one end of a link, by the name of the certificate at its other end.
 
-    def __init__(self, fleet: FleetConfig) -> None:
+    Routers are trusted, since they have checked what they forward.
+    """
+
+    def __init__(self, fleet: FleetConfig, security: SecurityConfig) -> None:
         self._all = keys.fleet_key(fleet.network_name)
         self._rules: dict[str, list[dict[str, Any]]] = {}
+        branches = keys.ANSWERS, keys.EVENTS, keys.STREAMS, keys.ALIVE, keys.HEARTBEATS
+        everything = [f"{self._all}/**", *(f"{self._all}/{branch}/**" for branch in branches)]
+        for name in security.routers:
+            for flow in _FLOWS:
+                self._allow(name, flow, (*_PUBLISH, *_SUBSCRIBE, *_DECLARE_TOKEN, *_WATCH_TOKENS), everything)
 
     def config(self) -> dict[str, Any]:
         """Return the section `access_control` of a zenoh configuration."""
@@ -122,14 +126,6 @@ class _AccessRules:
                 {"rules": [rule["id"] for rule in rules], "subjects": [name]} for name, rules in self._rules.items()
             ],
         }
-
-    def allow_routers(self, security: SecurityConfig) -> None:
-        """Trust the routers, which have checked what they forward."""
-        branches = keys.ANSWERS, keys.EVENTS, keys.STREAMS, keys.ALIVE, keys.HEARTBEATS
-        everything = [f"{self._all}{branch}/**" for branch in ("", *(f"/{branch}" for branch in branches))]
-        for name in security.routers:
-            for flow in _FLOWS:
-                self._allow(name, flow, (*_PUBLISH, *_SUBSCRIBE, *_DECLARE_TOKEN, *_WATCH_TOKENS), everything)
 
     def allow_robot(self, robot: str) -> None:
         """Allow calls to a robot, and what it publishes under its own name."""
@@ -214,33 +210,17 @@ def encode_rights(security: SecurityConfig | None, robot: str) -> list[list[Any]
     ]
 
 
-@dataclass(frozen=True, slots=True)
-class _RobotGrant:
-    """One role that a certificate has for one robot."""
-
-    role: str
-    resources: frozenset[str] | None
-
-    def allows(self, resource: str, method: str) -> bool:
-        if resource == keys.ROBOT:
-            if self.role != "controller":
-                return method in OBSERVER_ROBOT_METHODS
-            return self.resources is None or method in LIMITED_ROBOT_METHODS
-        if self.resources is not None and resource not in self.resources:
-            return False
-        return self.role == "controller" or method in OBSERVER_METHODS or method == keys.STREAM
-
-    def describe(self) -> str:
-        of = "" if self.resources is None else f" of {', '.join(sorted(self.resources))} alone"
-        return f"{self.role}{of}"
+def _describe(grant: Grant) -> str:
+    return grant.role if grant.resources is None else f"{grant.role} of {', '.join(sorted(grant.resources))} alone"
 
 
 class Rights:
     """Calls that the holder of one certificate may make to one robot. Thread: any."""
 
-    def __init__(self, name: str, grants: Sequence[_RobotGrant]) -> None:
+    def __init__(self, name: str, grants: Sequence[Grant]) -> None:
         self._name = name
-        self._grants = tuple(grants)
+        self._roles = " and ".join(f"the role {_describe(grant)}" for grant in grants) or "no role"
+        self._calls = frozenset(call for grant in grants for call in _methods_of(grant))
 
     @classmethod
     def decode(cls, encoded: object, name: str) -> Self | None:
@@ -251,10 +231,9 @@ class Rights:
         if encoded is None:
             return None
         try:
-            rows = [(str(holder), str(role), resources) for holder, role, resources in encoded]  # type: ignore[attr-defined]  # checked by trying
             grants = [
-                _RobotGrant(role, None if resources is None else frozenset(map(str, resources)))
-                for holder, role, resources in rows
+                Grant(name, role, resources=None if resources is None else tuple(map(str, resources)))
+                for holder, role, resources in encoded  # type: ignore[attr-defined]  # checked by trying
                 if holder == name
             ]
         except (TypeError, ValueError) as error:
@@ -263,13 +242,12 @@ class Rights:
 
     def allows(self, resource: str, method: str) -> bool:
         """Return whether the robot grants a call."""
-        return any(grant.allows(resource, method) for grant in self._grants)
+        return not self._calls.isdisjoint((f"{resource}/{method}", f"{resource}/*", f"*/{method}", "*/*"))
 
     def check(self, resource: str, method: str) -> None:
         """Raise AccessDeniedError unless the robot grants a call."""
         if self.allows(resource, method):
             return
         what = f"{method} of the robot" if resource == keys.ROBOT else method
-        roles = " and ".join(f"the role {grant.describe()}" for grant in self._grants) or "no role"
-        message = f"does not grant {what} to {self._name!r}, which has {roles} there"
+        message = f"does not grant {what} to {self._name!r}, which has {self._roles} there"
         raise AccessDeniedError(message, resource=None if resource == keys.ROBOT else resource)

@@ -94,16 +94,7 @@ def make_authority(folder: Path, fleet: str, *, force: bool = False) -> Certific
     Raises ConfigError if an authority exists, the files cannot be written, or `cryptography` is not installed.
     """
     _require_cryptography()
-    from cryptography import x509
-
-    subject = _subject(f"{fleet} fleet authority"[:_MAX_NAME])
-    key = _new_key()
-    builder = (
-        _builder(subject, subject, key, _AUTHORITY_VALID)
-        .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
-        .add_extension(_key_usage(signs_certificates=True), critical=True)
-    )
-    return _write(folder, AUTHORITY, _sign(builder, key), key, force=force)
+    return _issue(None, folder, AUTHORITY, f"{fleet} fleet authority"[:_MAX_NAME], (), _AUTHORITY_VALID, force=force)
 
 
 def make_certificate(
@@ -120,7 +111,7 @@ def make_certificate(
     if not re.fullmatch(NAME_PATTERN, name) or len(name) > _MAX_NAME or name.lower() == AUTHORITY:
         rule = f"a letter, then letters, digits, '_', '.' or '-', at most {_MAX_NAME} in all, and not '{AUTHORITY}'"
         raise file_error(name, f"cannot be the name of a certificate, which is {rule}")
-    return _issue(folder, folder, name, hosts, valid, force=force)
+    return _issue(_load_authority(folder), folder, name, name, hosts, valid, force=force)
 
 
 def renew_certificate(folder: Path, name: str, valid: timedelta | None = None) -> Certificate:
@@ -141,27 +132,48 @@ def make_pass(folder: Path, into: Path, name: str) -> None:
     Raises ConfigError if the authority is missing or unreadable, or `cryptography` is not installed.
     """
     _require_cryptography()
-    _issue(folder, into, name, (), _PASS_VALID, force=True)
+    _issue(_load_authority(folder), into, name, name, (), _PASS_VALID, force=True)
     write_file(certificate_file(into, AUTHORITY), certificate_file(folder, AUTHORITY).read_bytes(), 0o644)
 
 
-def _issue(folder: Path, into: Path, name: str, hosts: Iterable[str], valid: timedelta, *, force: bool) -> Certificate:
+def _issue(
+    authority: tuple[x509.Certificate, EllipticCurvePrivateKey] | None,
+    folder: Path,
+    name: str,
+    common_name: str,
+    hosts: Iterable[str],
+    valid: timedelta,
+    *,
+    force: bool,
+) -> Certificate:
+    """Write a new key and its certificate, signed by the authority; it is an authority's own if there is none."""
     from cryptography import x509
-    from cryptography.x509.oid import ExtendedKeyUsageOID
+    from cryptography.hazmat.primitives import hashes
+    from cryptography.hazmat.primitives.asymmetric import ec
+    from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-    authority, authority_key = _load_authority(folder)
-    key = _new_key()
-    usages = x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH])
+    is_authority = authority is None
+    key, now = ec.generate_private_key(ec.SECP256R1()), wall_time()
+    subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
+    issuer, signing_key = (subject, key) if authority is None else (authority[0].subject, authority[1])
     builder = (
-        _builder(_subject(name), authority.subject, key, valid)
-        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
-        .add_extension(_key_usage(signs_certificates=False), critical=True)
-        .add_extension(usages, critical=False)
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .issuer_name(issuer)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - min(_CLOCKS_MAY_DIFFER_BY, valid * _BACKDATED))
+        .not_valid_after(now + valid)
+        .add_extension(x509.BasicConstraints(ca=is_authority, path_length=0 if is_authority else None), critical=True)
+        .add_extension(_key_usage(signs_certificates=is_authority), critical=True)
     )
+    if not is_authority:
+        usages = x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH])
+        builder = builder.add_extension(usages, critical=False)
     names = [_general_name(host) for host in dict.fromkeys(hosts)]
     if names:
         builder = builder.add_extension(x509.SubjectAlternativeName(names), critical=False)
-    return _write(into, name, _sign(builder, authority_key), key, force=force)
+    return _write(folder, name, builder.sign(signing_key, hashes.SHA256()), key, force=force)
 
 
 def list_certificates(folder: Path) -> list[Certificate]:
@@ -181,19 +193,6 @@ def _require_cryptography() -> None:
         import cryptography  # noqa: F401
     except ImportError:
         raise file_error("eal keys", "needs the package cryptography: pip install 'eal-actors[keys]'") from None
-
-
-def _new_key() -> EllipticCurvePrivateKey:
-    from cryptography.hazmat.primitives.asymmetric import ec
-
-    return ec.generate_private_key(ec.SECP256R1())
-
-
-def _subject(name: str) -> x509.Name:
-    from cryptography import x509
-    from cryptography.x509.oid import NameOID
-
-    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
 
 
 def _general_name(host: str) -> x509.GeneralName:
@@ -218,29 +217,6 @@ def _key_usage(*, signs_certificates: bool) -> x509.KeyUsage:
         encipher_only=False,
         decipher_only=False,
     )
-
-
-def _builder(
-    subject: x509.Name, issuer: x509.Name, key: EllipticCurvePrivateKey, valid: timedelta
-) -> x509.CertificateBuilder:
-    from cryptography import x509
-
-    now = wall_time()
-    return (
-        x509.CertificateBuilder()
-        .subject_name(subject)
-        .issuer_name(issuer)
-        .public_key(key.public_key())
-        .serial_number(x509.random_serial_number())
-        .not_valid_before(now - min(_CLOCKS_MAY_DIFFER_BY, valid * _BACKDATED))
-        .not_valid_after(now + valid)
-    )
-
-
-def _sign(builder: x509.CertificateBuilder, key: EllipticCurvePrivateKey) -> x509.Certificate:
-    from cryptography.hazmat.primitives import hashes
-
-    return builder.sign(key, hashes.SHA256())
 
 
 def _load_authority(folder: Path) -> tuple[x509.Certificate, EllipticCurvePrivateKey]:

@@ -22,7 +22,6 @@ _SOON: Final = timedelta(days=30)
 _SOON_OF_LIFETIME: Final = 5
 """A certificate with a short lifetime is reported in this last part of it only: one fifth."""
 
-_SEQUENCE: Final = 0x30
 _VERSION: Final = 0xA0
 _TIME_FORMATS: Final = {0x17: "%y%m%d%H%M%SZ", 0x18: "%Y%m%d%H%M%SZ"}  # UTCTime and GeneralizedTime
 

@@ -11,7 +11,7 @@ import math
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any, Final
 
 from eal_actors.actors.call import Call
@@ -31,18 +31,12 @@ _BACKOFF_S: Final = 1.0, 8.0
 """Shortest and longest real seconds between two requests for outcomes."""
 
 
-@dataclass(slots=True)
-class _BoardEntry:
-    running: RunningCommand
-    told_s: float
-
-
 class CommandBoard:
     """Commands that run on one robot; times are the robot's real time. Thread: any."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._entries: dict[CallId, _BoardEntry] = {}
+        self._entries: dict[CallId, tuple[RunningCommand, float]] = {}  # and when the robot has said that it runs
         self._ended: deque[CallId] = deque(maxlen=_MAX_ENDED)
 
     def replace(self, rows: object, as_of_s: float = math.inf) -> None:
@@ -53,30 +47,29 @@ class CommandBoard:
         """
         try:
             entries = {
-                CallId(str(client), int(epoch), int(sequence)): _BoardEntry(_running_from(fields), -math.inf)
+                CallId(str(client), int(epoch), int(sequence)): (_running_from(fields), -math.inf)
                 for client, epoch, sequence, fields in rows  # type: ignore[attr-defined]  # checked by trying
             }
         except (TypeError, ValueError, AttributeError) as error:
             raise ProtocolError(f"the running commands {rows!r} are malformed") from error
         with self._lock:
-            later = {call_id: entry for call_id, entry in self._entries.items() if entry.told_s > as_of_s}
+            later = {call_id: entry for call_id, entry in self._entries.items() if entry[1] > as_of_s}
             ended = set(self._ended)
             self._entries = {call_id: entry for call_id, entry in {**entries, **later}.items() if call_id not in ended}
 
     def begin(self, call_id: CallId, fields: Mapping[str, Any], told_s: float) -> None:
         """Add a command that has begun; ProtocolError if its fields are malformed."""
-        entry = _BoardEntry(_running_from(fields), told_s)
+        running = _running_from(fields)
         with self._lock:
             if call_id not in self._ended:
-                self._entries[call_id] = entry
+                self._entries[call_id] = running, told_s
 
     def advance(self, call_id: CallId, progress: Progress) -> None:
         """Update the progress of a command."""
         with self._lock:
-            entry = self._entries.get(call_id)
-            if entry is not None:
-                running = entry.running
-                entry.running = RunningCommand(running.resource, running.command, running.by, running.since_s, progress)
+            if (entry := self._entries.get(call_id)) is not None:
+                running, told_s = entry
+                self._entries[call_id] = replace(running, progress=progress), told_s
 
     def end(self, call_id: CallId) -> None:
         """Remove a command that has ended."""
@@ -92,8 +85,8 @@ class CommandBoard:
     def running(self, to_local: Callable[[float], float]) -> tuple[RunningCommand, ...]:
         """Return the running commands; `to_local` converts the robot's time to our fleet's."""
         with self._lock:
-            running = [entry.running for entry in self._entries.values()]
-        return tuple(_localized(command, to_local) for command in running)
+            commands = [running for running, _ in self._entries.values()]
+        return tuple(_localized(command, to_local) for command in commands)
 
 
 def progress_from(row: object) -> Progress | None:
@@ -109,7 +102,7 @@ def progress_from(row: object) -> Progress | None:
 
 def localized_progress(progress: Progress, to_local: Callable[[float], float]) -> Progress:
     """Return a progress with its time by our fleet's clock."""
-    return Progress(progress.fraction, progress.text, to_local(progress.time_s))
+    return replace(progress, time_s=to_local(progress.time_s))
 
 
 def _running_from(fields: Mapping[str, Any]) -> RunningCommand:
@@ -122,7 +115,7 @@ def _running_from(fields: Mapping[str, Any]) -> RunningCommand:
 
 def _localized(running: RunningCommand, to_local: Callable[[float], float]) -> RunningCommand:
     progress = None if running.progress is None else localized_progress(running.progress, to_local)
-    return RunningCommand(running.resource, running.command, running.by, to_local(running.since_s), progress)
+    return replace(running, since_s=to_local(running.since_s), progress=progress)
 
 
 class CommandTracker:

@@ -20,19 +20,15 @@ class PendingCall(Protocol):
     @property
     def end_s(self) -> float:
         """Real time at which it times out."""
-        ...
 
     def answered(self, answer: Answer, time: RobotTime | None) -> None:
         """Handle the answer and, if included, the robot's clock. Thread: a reader's."""
-        ...
 
     def lost(self) -> None:
         """Handle that the robot is unreachable. Thread: any."""
-        ...
 
     def timed_out(self) -> None:
         """Handle that its time is over. Thread: any."""
-        ...
 
 
 class PendingCalls:

@@ -195,24 +195,20 @@ class RobotHost(EALActor):
     def _has_link_at(self, port: int) -> bool:
         return any(link.port == port for link in links_of(self._session))
 
-    def _is_ignored(self, caller: str) -> bool:
-        """Return whether a caller's messages are ignored.
-
-        Its certificate is revoked; or it claims one in a fleet without security, where nothing bounds such names, and
-        much is bounded for each of them.
-        """
-        return caller in self._revoked or (self._is_open and caller != keys.ANYBODY)
-
     def _on_call(self, key: str, sample: zenoh.Sample) -> None:
         attachment = sample.attachment
         self._receive(None, key, b"" if attachment is None else attachment.to_bytes(), sample.payload.to_bytes())
 
     def _receive(self, link: LocalLink | None, key: str, envelope: bytes, payload: Payload) -> None:
-        """Serve a call, of a local link if one is given."""
+        """Serve a call, of a local link if one is given.
+
+        Ignored are callers whose certificate is revoked, and those that claim one in a fleet without security, where
+        nothing bounds such names, and much is bounded for each of them.
+        """
         try:
             route = keys.parse_route(key)
             caller, first = route.call.caller, envelope[:1]
-            if caller in self._revoked or (self._is_open and caller != keys.ANYBODY):  # as _is_ignored, for every call
+            if caller in self._revoked or (self._is_open and caller != keys.ANYBODY):
                 return
             server = self._servers.get(route.call.robot)
             if first == BEGINS_PART:
@@ -257,7 +253,7 @@ class RobotHost(EALActor):
         except ProtocolError as error:
             self._malformed.warn(keys.sender_of(key), "a heartbeat is malformed", error.message)
             return
-        if self._is_ignored(caller):
+        if caller in self._revoked or (self._is_open and caller != keys.ANYBODY):  # as in _receive
             return
         for server in self._servers.values():
             server.receive_heartbeat(caller, beat)

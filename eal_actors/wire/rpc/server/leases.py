@@ -30,14 +30,13 @@ from typing import Final, NamedTuple
 
 from eal_actors.kernel.errors import ArgumentError, ResourceBusyError
 
-MIN_DEAD_MAN_S: Final = 0.1
-MAX_DEAD_MAN_S: Final = 60.0
-DEFAULT_DEAD_MAN_S: Final = 2.0
+_DEAD_MAN_RANGE_S: Final = 0.1, 60.0
 
 
 def _checked_dead_man_s(dead_man_s: float) -> float:
-    if not MIN_DEAD_MAN_S <= dead_man_s <= MAX_DEAD_MAN_S:
-        raise ArgumentError(f"dead_man_s must be {MIN_DEAD_MAN_S:g}..{MAX_DEAD_MAN_S:g} s, not {dead_man_s!r}")
+    least_s, most_s = _DEAD_MAN_RANGE_S
+    if not least_s <= dead_man_s <= most_s:
+        raise ArgumentError(f"dead_man_s must be {least_s:g}..{most_s:g} s, not {dead_man_s!r}")
     return dead_man_s
 
 
@@ -58,9 +57,7 @@ class Leases:
         name_of: returns the display name of a client.
     """
 
-    def __init__(
-        self, exclusive: Iterable[str], dead_man_s: float = DEFAULT_DEAD_MAN_S, name_of: Callable[[str], str] = str
-    ) -> None:
+    def __init__(self, exclusive: Iterable[str], dead_man_s: float, name_of: Callable[[str], str] = str) -> None:
         self.exclusive: Final = frozenset(exclusive)
         self.dead_man_s: Final = _checked_dead_man_s(dead_man_s)
         self._name_of = name_of
@@ -115,16 +112,8 @@ class Leases:
 
     def holders(self, now_s: float) -> dict[str, str]:
         """Return the holding clients by resource, sorted by resource."""
-        live = {resource: self._live(resource, now_s) for resource in sorted(self._leases)}
-        return {resource: lease.holder for resource, lease in live.items() if lease is not None}
-
-    def _live(self, resource: str, now_s: float) -> _Lease | None:
-        """Return a resource's lease; one that has ended is deleted."""
-        lease = self._leases.get(resource)
-        if lease is not None and now_s >= lease.heard_s + self.dead_man_s:
-            del self._leases[resource]
-            return None
-        return lease
+        live = ((name, lease) for name, lease in self._leases.items() if now_s < lease.heard_s + self.dead_man_s)
+        return {resource: lease.holder for resource, lease in sorted(live)}
 
 
 class SilentController(NamedTuple):
@@ -145,7 +134,7 @@ class DeadManSwitch:
     `dead_man_s` seconds, 0.1..60; ArgumentError if it is none of these.
     """
 
-    def __init__(self, dead_man_s: float = DEFAULT_DEAD_MAN_S) -> None:
+    def __init__(self, dead_man_s: float) -> None:
         self.dead_man_s: Final = _checked_dead_man_s(dead_man_s)
         self._watched: dict[str, SilentController] = {}
 
