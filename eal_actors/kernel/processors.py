@@ -27,7 +27,7 @@ def sharing_processor(robots: int) -> Iterator[None]:
         yield
         return
     allowed = os.sched_getaffinity(0)
-    chosen = sorted(allowed)[os.getpid() % len(allowed)]  # another one for the next process
+    chosen = sorted(allowed)[os.getpid() % len(allowed)]  # several processes spread
     os.sched_setaffinity(0, {chosen})
     try:
         yield
