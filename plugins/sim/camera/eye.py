@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -88,7 +88,12 @@ class Eye:
     @cached_property
     def slopes(self) -> NDArray[np.float64]:
         """The offset to the right of each column per metre ahead, (width,)."""
-        return np.asarray((np.arange(self.lens.width) - self.centre_px[0]) / self.focal_px, dtype=np.float64)
+        return (self.columns - self.centre_px[0]) / self.focal_px
+
+    @property
+    def columns(self) -> NDArray[np.float64]:
+        """The numbers of the columns, (width,)."""
+        return _numbers(self.lens.width)
 
     def seen(self, point: tuple[float, float]) -> tuple[float, float]:
         """Return the distances to the right and ahead of a point of the floor plan."""
@@ -99,6 +104,15 @@ class Eye:
         """Return the column of a point in front of the camera."""
         return self.centre_px[0] + self.focal_px * right_m / ahead_m
 
+    def row(self, height_m: float, nearness: float) -> float:
+        """Return the row of a point at a height, given the inverse of its distance ahead."""
+        return self.centre_px[1] - self.focal_px * (height_m - self.z_m) * nearness
+
     def rows(self, height_m: float, nearness: Floats) -> NDArray[np.float64]:
         """Return the rows of points at a height, given the inverses of their distances ahead."""
         return np.asarray(self.centre_px[1] - self.focal_px * (height_m - self.z_m) * nearness)
+
+
+@lru_cache(maxsize=8)
+def _numbers(count: int) -> NDArray[np.float64]:
+    return np.arange(float(count))

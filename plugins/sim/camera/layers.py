@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Final, NamedTuple, TypeAlias
@@ -29,26 +30,16 @@ Fill: TypeAlias = Callable[[Rect, Image], None]
 
 
 _THIN_PX: Final = 0.05
-_SMALL: Final = 4 * 8000  # bytes: above this size, fully covered rows are not blended
+_SMALL_PX: Final = 4000
+"""Area above which rows that a layer covers in all columns are not blended."""
+_WIDE_PX: Final = 256
+"""Number of columns from which a layer is drawn in its place: a copy takes longer than the columns that are left."""
+_STRIDE: Final = 16
+"""OpenCV warps so many columns at once, and those that are left one by one, each in the time of four."""
 
 
-_ZERO, _HALF, _ONE, _MINUS_HALF = (np.array(number, np.float32) for number in (0.0, 0.5, 1.0, -0.5))
+_ZERO, _HALF, _ONE = (np.array(number, np.float32) for number in (0.0, 0.5, 1.0))
 """As arrays, which numpy takes in half the time of a number."""
-_least, _most = np.minimum.reduce, np.maximum.reduce
-
-
-class _Edges(NamedTuple):
-    """The edges of a layer in less precision, with which numpy is faster.
-
-    Attributes:
-        lowest_top: the lowest point of its upper edge.
-        highest_bottom: the highest of its lower edge: the layer covers all columns between the two.
-    """
-
-    tops: NDArray[np.float32]
-    bottoms: NDArray[np.float32]
-    lowest_top: float
-    highest_bottom: float
 
 
 @dataclass
@@ -78,73 +69,109 @@ class Layer:
     def __post_init__(self) -> None:
         self.columns = slice(self.first, self.first + len(self.tops))
 
+
+def paint(image: Image, layers: Sequence[Layer]) -> None:
+    """Paint layers over an image, one over the other.
+
+    What has to be known of their edges is found for all together: a step of numpy takes as long for one layer.
+    """
+    starts = [0, *itertools.accumulate(len(layer.tops) for layer in layers)]
+    size = starts.pop()
+    if not size:
+        return
+    tops, bottoms = (np.concatenate(edges) for edges in zip(*((it.tops, it.bottoms) for it in layers), strict=True))
+    extents = zip(
+        np.minimum.reduceat(tops, starts).tolist(),
+        np.maximum.reduceat(tops, starts).tolist(),
+        np.minimum.reduceat(bottoms, starts).tolist(),
+        np.maximum.reduceat(bottoms, starts).tolist(),
+        strict=True,
+    )
+    fine_tops, fine_bottoms = tops.astype(np.float32), bottoms.astype(np.float32)  # numpy is faster with them
+    for layer, start, extent in zip(layers, starts, extents, strict=True):
+        part = slice(start, start + len(layer.tops))
+        _Painter(layer, fine_tops[part], fine_bottoms[part], extent).paint(image)
+
+
+class _Painter:
+    """Paints a layer.
+
+    Args:
+        layer: the layer.
+        tops: its upper edge.
+        bottoms: its lower edge.
+        extent: the least and the greatest row of its upper edge, and those of its lower edge.
+    """
+
+    def __init__(
+        self,
+        layer: Layer,
+        tops: NDArray[np.float32],
+        bottoms: NDArray[np.float32],
+        extent: tuple[float, float, float, float],
+    ) -> None:
+        self._layer, self._tops, self._bottoms, self._extent = layer, tops, bottoms, extent
+        left, right = layer.left_share, layer.right_share
+        self._is_cut = left < 1.0 or right < 1.0
+        """Whether it covers its outermost columns in part."""
+        if self._is_cut:
+            is_one = len(tops) == 1
+            self._sides = slice(None) if is_one else slice(None, None, len(tops) - 1)
+            self._shares = np.array([left * right] if is_one else [left, right], np.float32)
+
     def paint(self, image: Image) -> None:
         """Paint it over an image."""
-        height = image.shape[0]
-        low, high = float(_least(self.tops)), float(_most(self.bottoms))
-        rect = Rect(
-            self.first, self.columns.stop, max(math.floor(low + 0.5), 0), min(math.floor(high + 0.5) + 1, height)
-        )
-        if rect.top >= rect.bottom or high - low < _THIN_PX:
+        layer, columns = self._layer, len(self._tops)
+        low, lowest_top, highest_bottom, high = self._extent
+        top, bottom = max(math.floor(low + 0.5), 0), min(math.floor(high + 0.5) + 1, image.shape[0])
+        if top >= bottom or high - low < _THIN_PX:
             return
-        target = image[rect.top : rect.bottom, self.columns]
-        edges = _Edges(
-            self.tops.astype(np.float32),
-            self.bottoms.astype(np.float32),
-            float(_most(self.tops)),
-            float(_least(self.bottoms)),
-        )
-        if target.size > _SMALL:
-            self._paint_large(target, rect, edges)
+        target, rows = image[top:bottom, layer.columns], bottom - top
+        is_wide = columns >= _WIDE_PX
+        width = columns if is_wide else padded(columns)
+        colours = target if is_wide else np.empty((rows, width, 4), np.uint8)
+        rect = Rect(layer.first, layer.first + width, top, bottom)
+        if rows * columns <= _SMALL_PX and not is_wide:
+            layer.fill(rect, colours)
+            self._blend(target, colours[:, :columns], target, top)
             return
-        under = target.copy()
-        self.fill(rect, target)
-        self._blend(target, under, rect.top, edges)
+        start = min(max(math.ceil(lowest_top + 0.5), top), bottom)
+        end = max(min(math.floor(highest_bottom - 0.5) + 1, bottom), start)
+        upper, whole, lower = slice(start - top), slice(start - top, end - top), slice(end - top, None)
+        unders = [target[upper], target[lower]]
+        if is_wide:
+            unders = [under.copy() for under in unders]
+        under_sides = target[whole, self._sides].astype(np.float32) if self._is_cut else None
+        layer.fill(rect, colours)
+        colours = colours[:, :columns]
+        if not is_wide:
+            target[whole] = colours[whole]
+        if under_sides is not None:
+            sides = colours[whole, self._sides] - under_sides
+            target[whole, self._sides] = under_sides + sides * self._shares[:, np.newaxis] + _HALF
+        for part, under, first in ((upper, unders[0], top), (lower, unders[1], end)):
+            self._blend(target[part], colours[part], under, first)
 
-    def _paint_large(self, target: Image, rect: Rect, edges: _Edges) -> None:
-        """Paint it, without blending the rows that it covers in all columns."""
-        start = min(max(math.ceil(edges.lowest_top + 0.5), rect.top), rect.bottom)
-        end = max(min(math.floor(edges.highest_bottom - 0.5) + 1, rect.bottom), start)
-        first, last = start - rect.top, end - rect.top
-        upper, whole, lower = target[:first], target[first:last], target[last:]
-        under_upper, under_lower = upper.copy(), lower.copy()
-        sides = [(side, share) for side, share in ((0, self.left_share), (-1, self.right_share)) if share < 1.0]
-        under_sides = [whole[:, side].astype(np.float32) for side, _ in sides]
-        self.fill(rect, target)
-        for (side, share), under in zip(sides, under_sides, strict=True):
-            whole[:, side] = under + (whole[:, side] - under) * np.float32(share) + np.float32(0.5)
-        self._blend(upper, under_upper, rect.top, edges)
-        self._blend(lower, under_lower, end, edges)
-
-    def _blend(self, target: Image, under: Image, top: int, edges: _Edges) -> None:
+    def _blend(self, target: Image, colours: Image, under: Image, top: int) -> None:
         """Blend some rows, from row `top` on, with their previous content by the covered share."""
-        if len(target):
-            share = self._share(top, top + len(target), edges)
-            cv2.blendLinear(target, under, share, np.subtract(_ONE, share), target)
-
-    def _share(self, top: int, bottom: int, edges: _Edges) -> NDArray[np.float32]:
-        """Return the covered share of each pixel of some rows, (rows, columns), 0..1."""
-        rows = _row_numbers(bottom.bit_length())[top:bottom]
-        if edges.highest_bottom >= bottom - 0.5:
-            share = rows + _HALF - edges.tops
-            np.minimum(share, _ONE, out=share)
-        else:
-            share = edges.bottoms - rows
-            np.minimum(share, _HALF, out=share)
-            if edges.lowest_top <= top - 0.5:
-                share += _HALF
-            else:
-                above = edges.tops - rows
-                share -= np.maximum(above, _MINUS_HALF, out=above)
+        if not len(target):
+            return
+        begins, ends = _row_limits((bottom := top + len(target)).bit_length())
+        share = np.minimum(ends[top:bottom], self._bottoms)
+        share -= np.maximum(begins[top:bottom], self._tops)
         np.maximum(share, _ZERO, out=share)
-        if self.left_share < 1.0:
-            share[:, 0] *= self.left_share
-        if self.right_share < 1.0:
-            share[:, -1] *= self.right_share
-        return share
+        if self._is_cut:
+            share[:, self._sides] *= self._shares
+        cv2.blendLinear(colours, under, share, np.subtract(_ONE, share), target)
+
+
+def padded(columns: int) -> int:
+    """Return the least number of columns, at least a given one, that OpenCV warps without a rest."""
+    return -(-columns // _STRIDE) * _STRIDE
 
 
 @lru_cache(maxsize=8)
-def _row_numbers(bits: int) -> NDArray[np.float32]:
-    """Return the numbers of the rows below 2**bits, (rows, 1)."""
-    return np.arange(2**bits, dtype=np.float32)[:, np.newaxis]
+def _row_limits(bits: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return where the rows below 2**bits begin and end, (rows, 1) each."""
+    rows = np.arange(2**bits, dtype=np.float32)[:, np.newaxis]
+    return rows - _HALF, rows + _HALF

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Final
 
 import cv2
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..models import outline_m
 from .light import SIDES
-from .solids import Block, Drum, Plane, Point, Tower
+from .solids import Block, Drum, Face, Plane, Point, Tower
 from .texture import Image, Mipmap, samples
 
 _PER_M: Final = 400.0
@@ -21,6 +21,7 @@ SHADOW_M: Final = 0.16
 """Width of the contact shadow around an object on the floor."""
 
 _SHADOW_DARK: Final = 0.5
+_SIDE_NUMBERS: Final = np.arange(SIDES + 1)
 
 
 @dataclass(frozen=True)
@@ -130,12 +131,13 @@ class BoxKit:
         def moved(point: Point) -> Point:
             return box.x_m + cos * point[0] - sin * point[1], box.y_m + sin * point[0] + cos * point[1]
 
-        faces = []
-        for face in self.block.faces:
-            turn = (math.atan2(face.normal[1], face.normal[0]) + box.yaw_rad) / (2 * math.pi) + 0.5
-            gain = float(np.interp(turn % 1.0 * SIDES, np.arange(SIDES + 1), gains[:-1]))
-            faces.append(replace(face, left=moved(face.left), right=moved(face.right), gain=gain))
-        top = replace(self.block.top, middle=(box.x_m, box.y_m), yaw_rad=box.yaw_rad, gain=float(gains[-1]))
+        turns = [math.atan2(face.normal[1], face.normal[0]) + box.yaw_rad for face in self.block.faces]
+        places = [(turn / (2 * math.pi) + 0.5) % 1.0 * SIDES for turn in turns]
+        faces = [
+            Face(moved(face.left), moved(face.right), face.bottom_m, face.top_m, face.texture, face.offset_m, gain)
+            for face, gain in zip(self.block.faces, np.interp(places, _SIDE_NUMBERS, gains[:-1]).tolist(), strict=True)
+        ]
+        top = Plane(self.block.top.height_m, (box.x_m, box.y_m), box.yaw_rad, self.block.top.texture, float(gains[-1]))
         return Block(tuple(moved(corner) for corner in self.block.corners), self.block.height_m, tuple(faces), top)
 
 

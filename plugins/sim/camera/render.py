@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Sequence
 
@@ -11,11 +12,11 @@ from numpy.typing import NDArray
 
 from .eye import Eye
 from .flat import block_layers, face_layers, fill_plane, near_plane
-from .layers import Layer, Rect
+from .layers import Layer, Rect, paint
 from .movers import Mover
 from .round import tower_layers
 from .scene import Scene
-from .solids import Plane, Tower
+from .solids import Block, Plane, Tower
 from .texture import Image
 from .visibility import Seen, far_to_near, may_be_seen
 
@@ -32,24 +33,19 @@ def render(scene: Scene, movers: Sequence[Mover], eye: Eye) -> NDArray[np.uint8]
     """
     moving, shadows = scene.placed([mover for mover in movers if may_be_seen(eye, mover)])
     walls, posters, *faces_of_blocks = scene.faces.in_view(eye)
-    solids: list[Seen] = [(tower, tower_layers(eye, tower)) for tower in scene.towers]
-    for block, faces in zip(scene.blocks, faces_of_blocks, strict=True):
-        solids.append((block, block_layers(eye, block, faces)))
-    for mover in moving:
-        layers = tower_layers(eye, mover) if isinstance(mover, Tower) else block_layers(eye, mover, mover.faces)
-        solids.append((mover, layers))
+    towers = [*scene.towers, *(mover for mover in moving if isinstance(mover, Tower))]
+    solids: list[Seen] = list(zip(towers, tower_layers(eye, towers), strict=True))
+    blocks = [*zip(scene.blocks, faces_of_blocks, strict=True)]
+    blocks += [(mover, list(mover.faces)) for mover in moving if isinstance(mover, Block)]
+    solids += [(block, block_layers(eye, block, faces)) for block, faces in blocks]
     ordered = far_to_near(eye, [(solid, layers) for solid, layers in solids if layers])
     shown, horizon = _visible(eye, ordered)
     wall_layers = face_layers(eye, walls, closed=True)
     poster_layers = [layer for poster in posters for layer in face_layers(eye, [poster])]
     image = np.empty((eye.lens.height, eye.lens.width, 4), np.uint8)
     _paint_floor_and_ceiling(image, scene, eye, wall_layers, shadows)
-    for layer in (*wall_layers, *poster_layers):
-        if _rises_above([layer], horizon):
-            layer.paint(image)
-    for layers in shown:
-        for layer in layers:
-            layer.paint(image)
+    flat = [layer for layer in (*wall_layers, *poster_layers) if _rises_above(layer, horizon)]
+    paint(image, [*flat, *itertools.chain.from_iterable(shown)])
     return cv2.cvtColor(image, cv2.COLOR_RGBA2RGB)  # type: ignore[return-value]
 
 
@@ -65,7 +61,7 @@ def _visible(eye: Eye, ordered: Sequence[Seen]) -> tuple[list[list[Layer]], NDAr
     horizon = np.full(eye.lens.width, np.inf)
     shown = []
     for _, layers in reversed(ordered):
-        if _rises_above(layers, horizon):
+        if any(_rises_above(layer, horizon) for layer in layers):
             shown.append(layers)
             for layer in layers:
                 inner = slice(layer.columns.start + 1, layer.columns.stop - 1)
@@ -73,8 +69,11 @@ def _visible(eye: Eye, ordered: Sequence[Seen]) -> tuple[list[list[Layer]], NDAr
     return shown[::-1], horizon
 
 
-def _rises_above(layers: Iterable[Layer], horizon: NDArray[np.float64]) -> bool:
-    return any(bool((np.maximum(layer.tops, -0.5) < horizon[layer.columns]).any()) for layer in layers)
+def _rises_above(layer: Layer, horizon: NDArray[np.float64]) -> bool:
+    tops, covered = layer.tops, horizon[layer.columns]
+    if max(tops[0], -0.5) < covered[0] or max(tops[-1], -0.5) < covered[-1]:  # the usual case
+        return True
+    return bool((np.maximum(tops, -0.5) < covered).any())
 
 
 def _paint_floor_and_ceiling(
@@ -100,16 +99,15 @@ def _paint_shadow(image: Image, eye: Eye, shadow: Plane, floor: Rect) -> None:
     right_m, ahead_m = eye.seen(shadow.middle)
     if ahead_m + half_m <= 0:
         return
-    corners = [(right_m + x * half_m, ahead_m + y * half_m) for x in (-1, 1) for y in (-1, 1)]
     rect = floor
-    if ahead_m - half_m > 0.01:
-        columns = [eye.column(*corner) for corner in corners]
-        rows = eye.rows(0.0, 1 / np.array([ahead_m + half_m, ahead_m - half_m]))
+    near_m, far_m = ahead_m - half_m, ahead_m + half_m
+    if near_m > 0.01:
+        left_m, right_m = right_m - half_m, right_m + half_m
         rect = Rect(
-            max(math.floor(min(columns)), floor.left),
-            min(math.ceil(max(columns)) + 1, floor.right),
-            max(math.floor(rows[0]), floor.top),
-            min(math.ceil(rows[1]) + 1, floor.bottom),
+            max(math.floor(eye.column(left_m, near_m if left_m < 0 else far_m)), floor.left),
+            min(math.ceil(eye.column(right_m, near_m if right_m > 0 else far_m)) + 1, floor.right),
+            max(math.floor(eye.row(0.0, 1 / far_m)), floor.top),
+            min(math.ceil(eye.row(0.0, 1 / near_m)) + 1, floor.bottom),
         )
     if rect.left < rect.right and rect.top < rect.bottom:
         part = image[rect.top : rect.bottom, rect.left : rect.right]

@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from eal_actors.device.world import load_world
+from plugins.sim.camera import flat
 from plugins.sim.camera.eye import Eye, PinholeLens
 from plugins.sim.camera.movers import BoxAt, Mover, RobotAppearance, RobotAt
 from plugins.sim.camera.render import render
@@ -102,6 +103,19 @@ def test_frames_of_the_lab_agree_with_the_ray_caster(x_m: float, y_m: float, yaw
 def test_frames_of_the_maze_agree_with_the_ray_caster(x_m: float, y_m: float, yaw_deg: float, z_m: float) -> None:
     place = eye(x_m, y_m, yaw_deg, z_m)
     assert psnr_db(render(scene("maze"), IN_MAZE, place), cast(scene("maze"), IN_MAZE, place)) > 35
+
+
+@pytest.mark.parametrize("yaw_deg", range(0, 360, 40))
+def test_a_copy_of_what_a_part_of_the_image_shows_of_a_texture_is_enough_to_warp_it(
+    yaw_deg: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looks = [eye(x_m, 0.3, yaw_deg, z_m, PinholeLens()) for x_m, z_m in ((-1.5, 0.2), (0.4, 1.0))]
+    frames = [render(scene("lab"), IN_LAB, look) for look in looks]
+    monkeypatch.setattr(flat, "_MOST_COPIED", 0)
+    for look, frame in zip(looks, frames, strict=True):
+        difference = np.abs(render(scene("lab"), IN_LAB, look).astype(int) - frame)
+        assert difference.max() <= 1  # OpenCV rounds the coordinates in a copy otherwise
+        assert (difference > 0).mean() < 1e-3
 
 
 def test_solids_that_cross_look_as_if_they_were_one() -> None:
