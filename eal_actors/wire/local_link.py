@@ -154,10 +154,8 @@ def dial(process: str, port: int) -> LocalLink | None:
 class LocalListener:
     """Accepts the links of controllers on the same machine. Thread: any.
 
-    Args:
-        process: identifier of this process; see `dial`.
-        has_link_at: returns whether this process has a link of the engine at a port.
-        receive: handles a message of a link; called with the link and as `Receive`, in a thread for each link.
+    `process` identifies this process, see `dial`; `has_link_at` returns whether it has a link of the engine at a port.
+    `receive` gets a link and a message as Receive describes it, in a thread for each link.
     """
 
     def __init__(self, process: str, has_link_at: Callable[[int], bool], receive: Callable[..., None]) -> None:

@@ -46,14 +46,12 @@ class MemoryRoom:
         self._least_bytes = min(self._least_bytes or resident, resident)
         if resident - self._least_bytes < GROWN_BYTES:
             return False
-        rooms = [limit - used for limit, used in self._limits(size, data) if limit != resource.RLIM_INFINITY]
+        limits = (resource.RLIMIT_AS, size), (resource.RLIMIT_DATA, data)
+        soft = ((resource.getrlimit(which)[0], used) for which, used in limits)
+        rooms = [limit - used for limit, used in soft if limit != resource.RLIM_INFINITY]
         if self._cgroup_bytes is not None:
             rooms.append(self._cgroup_bytes - resident)
         return min([*rooms, *_available()], default=SHORT_BYTES) < SHORT_BYTES
-
-    def _limits(self, size: int, data: int) -> Iterator[tuple[int, int]]:
-        yield resource.getrlimit(resource.RLIMIT_AS)[0], size
-        yield resource.getrlimit(resource.RLIMIT_DATA)[0], data
 
     def free(self) -> None:
         """Return unused memory to the system, as far as the C library can."""

@@ -84,9 +84,7 @@ class CallHeader(NamedTuple):
         deadline_s: real seconds from the sending to the caller's deadline; negative once it has passed.
         start_s: time to begin, by the robot's clock, in seconds; None for at once.
         arguments: the method's str and int arguments in order; ints have at most 64 bits.
-        era: of a command: the run of the robot's server that the echo is from; see freshness.
-        echo_s: of a command: the robot's clock as a reply carried it, in seconds.
-        held_s: of a command: seconds from that reply to the sending.
+        era: of a command, as `echo_s` and `held_s`: proof of its age; see freshness.Stamp.
         has_more: ignored; older releases announce further commands with it.
         traceparent: span of the call in the format of W3C Trace Context; empty without tracing.
     """
@@ -149,13 +147,9 @@ TakeShared: TypeAlias = Callable[[SharedValue], Payload]
 
 @dataclass(frozen=True, slots=True)
 class RobotEvent:
-    """Event that a robot publishes to all its controllers.
+    """Event that a robot publishes to all its controllers; readers ignore unknown kinds.
 
-    Attributes:
-        kind: such as `result`; readers ignore unknown kinds.
-        stamp_s: when it happened, by the robot's clock as in replies, in seconds.
-        call: the call it is about; `answer` is its outcome.
-        fields: further plain values by name.
+    `stamp_s` is when it happened, by the robot's clock as in replies, in seconds. `answer` is the outcome of `call`.
     """
 
     kind: str

@@ -35,12 +35,9 @@ _ROUNDING_S: Final = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Offset:
-    """Offset of a robot's clock from the controller's.
+    """Offset of a robot's clock: the robot's minus the controller's, wrong by at most `error_s` either way.
 
-    Attributes:
-        offset_s: robot's clock minus controller's clock, in seconds.
-        error_s: greatest error of `offset_s`, in seconds, either way.
-        round_trip_s: round trip of the ping that it comes from, without the robot's own share.
+    `round_trip_s` is that of the ping that it comes from, without the robot's own share. All are seconds.
     """
 
     offset_s: float

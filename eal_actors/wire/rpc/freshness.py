@@ -97,11 +97,8 @@ class Stamper:
     """Numbers and stamps the commands of one client to one robot. Thread: one at a time.
 
     Times are the controller's clock in seconds, and do not decrease from call to call. Commands to a resource must be
-    sent in the order of their stamps.
-
-    Attributes:
-        epoch: number of the connection to the robot.
-        number: returns the number of the next call, for calls that are no commands. Thread: any.
+    sent in the order of their stamps. `epoch` is the number of the connection to the robot. `number` returns the number
+    of the next call, for calls that are no commands, in any thread.
     """
 
     def __init__(self, client: str) -> None:
@@ -177,9 +174,8 @@ class CommandHistory(Generic[T]):
 
     Args:
         era: identifier of this run of the robot's server.
-        outcomes: number of outcomes kept for each client, 1 or more.
-        clients: number of clients kept, 1 or more.
-        outcomes_in_all: number of outcomes kept for all clients together, `clients` or more.
+        outcomes: number of outcomes kept for each client, 1 or more, and for all together `outcomes_in_all`.
+        clients: number of clients kept, from 1 to `outcomes_in_all`.
     """
 
     def __init__(self, era: str, *, outcomes: int = 1024, clients: int = 256, outcomes_in_all: int = 4096) -> None:

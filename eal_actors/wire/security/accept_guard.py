@@ -133,11 +133,9 @@ def _count_files() -> int:
 class AcceptGuard:
     """Closes new connections while descriptors are short. Thread: one of its own.
 
-    Args:
-        listeners: duplicates of the listening sockets; they are closed with the guard.
-        file_limit: limit of this process's open files.
-        most: limit of the connections that are no links yet.
-        connected: returns the IP addresses of all connections; `linked` those of the connections that are links.
+    The listeners are duplicates, which it closes with itself. `file_limit` is the limit of this process's open files,
+    `most` that of connections that are no links yet. `connected` returns the IP addresses of all connections, `linked`
+    those of the connections that are links.
     """
 
     def __init__(

@@ -162,12 +162,9 @@ class _AccessRules:
     def _link(self, name: str, flow: _Flow, published: Sequence[str], subscribed: Sequence[str] = ()) -> None:
         """Allow publications one way over a link, and subscriptions to them the other way.
 
-        Args:
-            name: name of the certificate at the other end.
-            flow: direction of the publications.
-            published: key expressions of the publications, below the fleet's key.
-            subscribed: key expressions within which the other end may subscribe; `published` if empty. Wider ones
-                permit one subscription for all robots, each of which can still publish only what is allowed.
+        Keys are key expressions below the fleet's key. The other end may subscribe within `subscribed`, or `published`
+        if that is empty. Wider ones permit one subscription for all robots, each of which can still publish only what
+        is allowed.
         """
         said, heard = ([f"{self._all}/{key}" for key in key_exprs] for key_exprs in (published, subscribed))
         self._allow(name, flow, _PUBLISH, said)

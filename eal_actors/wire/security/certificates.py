@@ -44,11 +44,9 @@ _MAX_NAME: Final = 64  # a common name's limit in X.509
 
 @dataclass(frozen=True, slots=True, order=True)
 class Certificate:
-    """Content of a certificate.
+    """Content of a certificate, whose validity begins and expires at times in UTC.
 
-    Attributes:
-        hosts: host names and addresses of its owner; empty for an owner that only dials out.
-        begins: begin of its validity, in UTC, as its end, `expires`.
+    `hosts` are host names and addresses of its owner; none for an owner that only dials out.
     """
 
     name: str

@@ -20,8 +20,7 @@ WATCH_PERIOD_S: Final = 0.5
 class KeyWatch:
     """Watches the authority's certificate, a pair of keys, and the list of revoked names. Thread: one at a time.
 
-    Args:
-        folder: the folder of keys; None watches nothing.
+    Without a folder it watches nothing.
     """
 
     def __init__(self, folder: Path | None, name: str) -> None:
@@ -29,7 +28,7 @@ class KeyWatch:
         if folder is not None:
             self._pair = certificate_file(folder, name), key_file(folder, name)
             self._files = (certificate_file(folder, AUTHORITY), *self._pair, folder / REVOKED)
-        self._used = self._seen = self._versions()
+        self._used = self._seen = file_versions(self._files)
 
     def __bool__(self) -> bool:
         """Return whether there are keys to watch."""
@@ -37,16 +36,13 @@ class KeyWatch:
 
     def has_changed(self) -> bool:
         """Look at the files, once in each period; return whether they have changed since `accept`, completely."""
-        versions = self._versions()
+        versions = file_versions(self._files)
         is_stable, self._seen = versions == self._seen, versions
         return is_stable and versions != self._used and self._fits()
 
     def accept(self) -> None:
         """Count the files that `has_changed` has seen as used."""
         self._used = self._seen
-
-    def _versions(self) -> tuple[int, ...]:
-        return file_versions(self._files)
 
     def _fits(self) -> bool:
         """Return whether the certificate and its key can be used, so that no link is closed in vain."""

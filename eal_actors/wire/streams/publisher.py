@@ -42,8 +42,7 @@ class StreamPublisher(EALActor):
     """Publishes the streams of one robot, each once for any number of readers.
 
     Each stream has its own key, so a slow reader receives no more than it requested. Frames are encoded here, not in
-    the threads of resources and commands; a frame that is not yet encoded when the next one arrives is skipped. A full
-    link drops frames. Thread: an actor, which starts with the first stream.
+    the threads of resources and commands. Thread: an actor, which starts with the first stream.
     """
 
     def __init__(

@@ -30,10 +30,7 @@ _RENEWALS: Final = 3
 
 
 class RemoteFeeds:
-    """Feeds of one robot's resources; feeds with the same spec share one subscription.
-
-    Thread: the connection's, except `open`, `leave` and `read`.
-    """
+    """Feeds of one robot's resources. Thread: the connection's, except `open`, `leave` and `read`."""
 
     def __init__(self, channel: Channel) -> None:
         self._channel = channel

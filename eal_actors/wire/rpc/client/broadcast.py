@@ -47,13 +47,8 @@ def ask_robots(
 ) -> None:
     """Call a method of each robot urgently, as soon as the robot is reachable, and again until it answers.
 
-    Args:
-        config: the fleet.
-        robots: names of robots that have an address.
-        method: an idempotent method of the robot itself.
-        arguments: the method's.
-        on_result: called once for each robot: when it has answered, or at the end.
-        timeout_s: greatest real seconds to wait.
+    The method is one of the robot itself, and idempotent; the robots have addresses. `on_result` is called once for
+    each robot: when it has answered, or after `timeout_s` real seconds.
 
     Raises UnavailableError if no router answers, and ConfigError if the keys are missing.
 

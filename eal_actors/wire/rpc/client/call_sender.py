@@ -82,11 +82,9 @@ class InFlightWindow:
 
 
 class EncodedCall(NamedTuple):
-    """A call that is ready to be sent.
+    """A call that is ready to be sent; it is lost with all pending calls of its robot if that is unreachable.
 
-    Attributes:
-        group: calls of one group may be sent together; empty for a call that is sent alone.
-        pending: calls to the robot; they are lost if it is unreachable, so that no reply will arrive.
+    Calls of one group may be sent together; a call without a group is sent alone.
     """
 
     robot: str
@@ -102,14 +100,8 @@ class EncodedCall(NamedTuple):
 class CallSender(Sender):
     """Sends calls in the order of their submission.
 
-    Args:
-        name: name of its thread.
-        put: sends one message to a robot; returns False if the robot is unreachable. See Controller.put.
-        is_alive: returns whether a robot is reachable.
-
-    Attributes:
-        window: calls in flight to all robots.
-        has_crowd: whether the last message that was sent from here had several calls.
+    `put` sends one message to a robot, see Controller.put. `has_crowd` is whether the last message that was sent from
+    here had several calls.
 
     Thread: an actor; any may call `submit`. `gather` and `flush` belong to its own thread, which may wait for a link.
     """

@@ -1,7 +1,6 @@
 """Channel: the connection to one robot, shared by its call queue, its streams and requests to the robot itself.
 
-A call and its reply are two publications that only the call's number connects. When no reply will come, the robot's
-liveliness token disappears or the call's time runs out; `PendingCalls` handles both.
+`PendingCalls` connects replies with calls, and ends calls that get none.
 """
 
 from __future__ import annotations
@@ -43,15 +42,10 @@ class Channel:
     """Connection to one robot. Thread: any; nothing blocks.
 
     Attributes:
-        clock: the fleet's clock.
         inbox: mailbox and timers of the connection's actor.
-        controller: the fleet's network.
-        clock_tracker: estimates the offset of the robot's clock.
         stamper: numbers calls and stamps commands.
-        pending: calls that wait for replies.
         rights: calls that the robot grants; None for all.
         process: the process that serves the robot, for batches; empty if it takes none.
-        memory: memory that is shared with the robot.
     """
 
     def __init__(self, actor: EALActor, view: RobotView, controller: Controller) -> None:
@@ -153,11 +147,8 @@ class Channel:
 class _Request(UrgentMessage):
     """Call of a method of the robot itself, with the clock readings that its reply needs.
 
-    Attributes:
-        header: header of the call; its time to live is the time-out of the reply.
-        on_answer: called with the answer, in the reader's thread.
-        on_failure: called if there is no answer, in any thread.
-        is_urgent: whether it overtakes queued messages.
+    Its header's time to live is the time-out of the reply. `on_answer` is called with the answer in the reader's
+    thread, or `on_failure` in any thread.
     """
 
     channel: Channel

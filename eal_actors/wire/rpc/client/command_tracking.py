@@ -86,7 +86,14 @@ class CommandBoard:
         """Return the running commands; `to_local` converts the robot's time to our fleet's."""
         with self._lock:
             commands = [running for running, _ in self._entries.values()]
-        return tuple(_localized(command, to_local) for command in commands)
+        return tuple(
+            replace(
+                command,
+                since_s=to_local(command.since_s),
+                progress=command.progress and localized_progress(command.progress, to_local),
+            )
+            for command in commands
+        )
 
 
 def progress_from(row: object) -> Progress | None:
@@ -111,11 +118,6 @@ def _running_from(fields: Mapping[str, Any]) -> RunningCommand:
         return RunningCommand(resource, command, by, float(fields["since_s"]), progress_from(fields.get("progress")))
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise ProtocolError(f"the running command {fields!r} is malformed") from error
-
-
-def _localized(running: RunningCommand, to_local: Callable[[float], float]) -> RunningCommand:
-    progress = None if running.progress is None else localized_progress(running.progress, to_local)
-    return replace(running, since_s=to_local(running.since_s), progress=progress)
 
 
 class CommandTracker:

@@ -56,13 +56,13 @@ _TICK_S: Final = 0.25
 
 
 class RobotListener(NamedTuple):
-    """Callbacks of a connection to one robot; none blocks.
+    """Callbacks of a connection to one robot, in the readers' threads except `on_tick`; none blocks.
 
     Attributes:
-        on_alive: its liveliness token appeared; called with its protocol version. Thread: a reader's.
-        on_gone: its token disappeared; called with the reason. Thread: a reader's.
-        on_reply: a reply arrived; called with its envelope and its payload. Thread: a reader's.
-        on_event: an event arrived; raises ProtocolError if that is malformed. Thread: a reader's.
+        on_alive: its liveliness token appeared; called with its protocol version.
+        on_gone: its token disappeared; called with the reason.
+        on_reply: a reply arrived; called with its envelope and its payload.
+        on_event: an event arrived; raises ProtocolError if that is malformed.
         on_tick: called every 0.25 s with the real time. Thread: the controller's.
     """
 
@@ -82,11 +82,8 @@ class Controller(EALActor):
         certificate: name of its certificate; None in a fleet without security.
         display_name: its name for people, which robots show.
         dead_man_s: real seconds of its silence after which a robot halts what it moves.
-        sender: sends the calls to all robots.
         foreign: the robots of other fleets that answer, in a fleet without security.
         last_handshake_s: real time of the last handshake that a robot has answered.
-        sharing: whether memory is shared with robots on this machine.
-        local: its local links to them.
 
     Thread: an actor, which opens the session and sends the heartbeat. The readers' threads run the listeners'
     callbacks.

@@ -82,12 +82,8 @@ _MAX_ANSWERS: Final = 10_000
 def robots_at(endpoint: str, fleet: FleetConfig | None = None, timeout_s: float = PROBE_S) -> list[FoundRobot]:
     """Return the robots at an endpoint: one, or all behind a router. Thread: blocks the caller.
 
-    Args:
-        endpoint: such as `tcp/192.168.1.11:50000`.
-        fleet: its keys are used and only its robots are returned; robots of any fleet if None.
-        timeout_s: greatest real seconds to wait for an answer.
-
-    Raises UnavailableError if nothing answers there, and ConfigError if the fleet's keys are missing.
+    With a fleet, its keys are used and only its robots are returned; else robots of any fleet. Raises UnavailableError
+    if nothing answers there within `timeout_s` real seconds, and ConfigError if the fleet's keys are missing.
     """
     network = None if fleet is None else fleet.network
     wanted = keys.ALL_ALIVE if fleet is None else keys.alive_keys(fleet.network_name)

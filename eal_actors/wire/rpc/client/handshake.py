@@ -24,7 +24,6 @@ class Handshake:
     """A robot's answer to the handshake.
 
     Attributes:
-        infos: information of its resources.
         stopped: reason of its emergency stop; None if it is not stopped.
         problems: errors of its plugins.
         not_ready: reasons why resources are not ready, by name.

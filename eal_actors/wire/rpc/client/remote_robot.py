@@ -39,11 +39,9 @@ CONNECT_S: Final = 3.0
 
 
 class RemoteSpec(NamedTuple):
-    """Specification of a remote robot.
+    """Specification of a remote robot, with its address for messages and the fleet's clock.
 
     Attributes:
-        address: its address, for messages.
-        clock: the fleet's clock.
         timeout_s: the default deadline of a call.
         link: fault injection for its calls.
         mailbox: limit of the pending calls to one resource.

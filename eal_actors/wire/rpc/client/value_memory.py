@@ -41,16 +41,10 @@ class MemorySharing:
 
 
 class ValueMemory:
-    """Memory shared with one robot.
+    """Memory shared with one robot. Thread: the connection's, except `note` and `take`.
 
-    It is offered when a large value has come over the link. A robot that cannot open it, since it is on another machine
-    for example, refuses, and is not asked again until it has reconnected. Thread: the connection's, except `note` and
-    `take`.
-
-    Args:
-        run_soon: runs an action in the connection's thread.
-        request: sends a request to the robot; see `Channel.request`.
-        sharing: of the controller.
+    A robot that cannot open it, since it is on another machine for example, refuses, and is not asked again until it
+    has reconnected. `run_soon` and `request` are those of its Channel.
     """
 
     def __init__(

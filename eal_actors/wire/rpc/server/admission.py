@@ -11,7 +11,7 @@ import math
 import threading
 from collections import OrderedDict
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Final, NamedTuple
+from typing import Final
 
 from eal_actors.actors.call import MOTION_METHODS
 from eal_actors.device.data import EALData
@@ -83,31 +83,11 @@ class ControllerNames:
         return self._names.get(certificate_id(client), _NO_NAMES).get(client, client)
 
 
-class Admitted(NamedTuple):
-    """A command that was admitted, at a real time of the robot.
-
-    Attributes:
-        begin_in_s: real seconds from then within which it must begin.
-        left_s: real seconds from then until its deadline.
-    """
-
-    call_id: CallId
-    at_s: float
-    begin_in_s: float
-    left_s: float
-
-
 class Admission:
     """Admission control of one robot. Thread: any.
 
-    Args:
-        era: the run of the robot's server.
-        exclusive: names of the resources that one controller at a time may command.
-        dead_man_s: real seconds that a controller may be silent.
-
-    Attributes:
-        names: display names of the controllers.
-        quiet_until_s: the robot's time before which no controller's silence is too long.
+    `exclusive` are the resources that one controller at a time may command. `quiet_until_s` is the robot's time before
+    which no controller's silence is too long.
     """
 
     def __init__(self, era: str, exclusive: Iterable[str], dead_man_s: float, clock: Clock = REAL_TIME) -> None:
@@ -120,8 +100,11 @@ class Admission:
         self._dead_man = DeadManSwitch(dead_man_s)
         self.quiet_until_s = math.inf
 
-    def check(self, header: CallHeader, method: str, resource: str) -> Admitted:
+    def check(self, header: CallHeader, method: str, resource: str) -> tuple[CallId, float, float, float]:
         """Admit a command; call `finish` when it has ended. Call `silences` first, unless it is quiet.
+
+        Returns its identifier, the robot's real time, and the real seconds from then within which it must begin and
+        until its deadline.
 
         Raises:
             StaleCommandError: it is too old, or was received before.
@@ -148,7 +131,7 @@ class Admission:
                     self.quiet_until_s = now_s + self._dead_man.dead_man_s
             else:
                 self._dead_man.heard(header.client, now_s)
-        return tuple.__new__(Admitted, (stamp.call, now_s, sent_s + stamp.ttl_s - now_s, left_s))
+        return stamp.call, now_s, sent_s + stamp.ttl_s - now_s, left_s
 
     def note_stop(self, header: CallHeader, resource: str) -> None:
         """Refuse from now on commands that a stop has overtaken; the stop itself is obeyed at any age."""

@@ -22,10 +22,7 @@ _CHECK_S: Final = 1.0
 
 
 class ControllerMemories:
-    """Memory of controllers by their client identifiers, if the fleet file enables it.
-
-    A controller that closes its memory, or is killed, is noticed within a second. Thread: any.
-    """
+    """Memory of controllers by their client identifiers, if the fleet file enables it. Thread: any."""
 
     def __init__(self, robot: str, *, is_enabled: bool) -> None:
         self._is_enabled = is_enabled

@@ -47,14 +47,10 @@ class _Lease:
 
 
 class Leases:
-    """Leases of a robot's exclusive resources; at most one entry a resource.
+    """Leases of a robot's exclusive resources; at most one entry a resource. Thread: one at a time.
 
-    All times are the robot's clock in seconds, and do not decrease from call to call. Thread: one at a time.
-
-    Args:
-        exclusive: names of the resources that one client at a time may command.
-        dead_man_s: seconds that a holder may be silent, 0.1..60; ArgumentError if it is none of these.
-        name_of: returns the display name of a client.
+    All times are the robot's clock in seconds, and do not decrease from call to call. A holder may be silent for
+    `dead_man_s` seconds, 0.1..60; ArgumentError if it is none of these. `name_of` returns the display name of a client.
     """
 
     def __init__(self, exclusive: Iterable[str], dead_man_s: float, name_of: Callable[[str], str] = str) -> None:

@@ -67,16 +67,8 @@ _MAX_REASON: Final = 500  # each ping and handshake contains it
 class RobotServer:
     """Serves one started robot of this process; made by RobotHost.serve. Thread: any; slow work runs in the host's.
 
-    Args:
-        session: an open session, which outlives the server.
-        process: identifier of its host.
-        exclusive: names of the resources that one controller at a time may command; every actuator if None.
-        revoke: adds names to the list of revoked certificates; runs in the host's thread.
-        requests: runs calls of the robot itself in the host's thread.
-        on_close: called when the server closes.
-
-    Attributes:
-        dead_man_trips: number of halts of each resource because its controller was silent.
+    The session is open and outlives the server. `revoke` and what `requests` runs belong to the host's thread.
+    `dead_man_trips` counts the halts of each resource because its controller was silent.
     """
 
     def __init__(

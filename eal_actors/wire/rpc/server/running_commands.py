@@ -33,13 +33,10 @@ _MAX_VALUE_BYTES: Final = 2 * MAX_CALL_BYTES
 
 
 class ReplyTo(NamedTuple):
-    """Address of a reply.
+    """Address of a reply; an urgent one overtakes queued messages.
 
-    Attributes:
-        sequence: number of the call.
-        is_urgent: whether the reply overtakes queued messages.
-        batch: where replies to the same batch of calls gather; None for a call that came alone.
-        link: the local link that the call came by; None for the engine.
+    Replies to the calls of one batch gather in `batch`; None for a call that came alone. `link` is the local link that
+    the call came by; None for the engine.
     """
 
     key: str
@@ -57,7 +54,6 @@ class ServedCommand:
         finish: called with it when it has ended.
         reply_to: address of the reply; None once the reply was sent.
         since_s: real time of its arrival.
-        value_bytes: size of its value.
         is_announced: whether an event has announced it.
         last_progress_s: real time at which `last_progress` was published.
     """
@@ -103,9 +99,9 @@ class ServedCommand:
 
 
 class RunningCommands:
-    """Running commands of one robot. Each reply is sent once: here or at the end of the command.
+    """Running commands of one robot. Thread: any.
 
-    Thread: any. Commands are added without the lock, so what goes through them goes through a copy.
+    Commands are added without the lock, so what goes through them goes through a copy.
     """
 
     def __init__(self) -> None:
