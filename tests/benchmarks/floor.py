@@ -48,9 +48,9 @@ CALL: Final = [10, bytes(16), 1, 1, 1.0, 5.0, None, [], None]
 """The fields of a call, as many and as long as this project's."""
 FLEET, ROBOT, SECRET = "crowd", "bot1", "0" * 32
 _CALL_TO: Final = keys.CallKey(FLEET, ROBOT, "Lamp", "get_value", keys.ANYBODY, SECRET)
-CALL_KEY, ANSWER = keys.call_key(_CALL_TO), keys.answer_key(_CALL_TO)
+CALL_KEY, ANSWER = keys.call_key(_CALL_TO), keys.answer_key(FLEET, keys.ANYBODY, SECRET, ROBOT)
 COMMAND_KEY: Final = keys.call_key(_CALL_TO._replace(method="send_cmd"))
-ANSWERS: Final = keys.answer_keys(FLEET, keys.ANYBODY, SECRET)
+ANSWERS: Final = keys.answer_key(FLEET, keys.ANYBODY, SECRET, None)
 VIEW: Final = FRAME.reshape(-1).data
 ROUNDS, CALLS = 15, 200
 PUBLISHED, THREADS, PACKED, LEAST, OURS = "published", "threads", "packed", "least", "ours"

@@ -68,7 +68,7 @@ def serve(robots: int, name: str, offer: str) -> None:
     memory = PeerMemory(MemoryOffer.parse(fields)) if fields else None
     receivers = {}
     for robot in (f"bot{number}" for number in range(1, robots + 1)):
-        answers = _Packets(end, keys.answer_key(_KEY._replace(robot=robot)))
+        answers = _Packets(end, keys.answer_key(_KEY.fleet, _KEY.caller, _KEY.client, robot))
         receivers[robot] = LeastRobot(answers, memory).receive
     threading.Thread(target=_read, args=(end, receivers, 2), daemon=True).start()
     sys.stdin.read()

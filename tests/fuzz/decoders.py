@@ -77,7 +77,7 @@ def _frame(data: bytes) -> None:
 def _key(data: bytes) -> None:
     with suppress(ProtocolError):
         key = data.decode("utf-8", "replace")
-        if keys.call_key(keys.parse_call(key)) != key:
+        if keys.call_key(keys.parse_route(key).call) != key:
             raise AssertionError("a key is not what it was")
 
 

@@ -17,7 +17,7 @@ ROBOTS = 100
 
 def test_a_controller_hears_of_many_robots_that_are_present() -> None:
     fleet = fleet_of(ROBOTS, free_port())
-    every = keys.alive_keys(fleet.network_name)
+    every = keys.alive_key(fleet.network_name, None)
     with open_session(robot_config(fleet, "bot1")) as robots, open_session(controller_config(fleet)) as controller:
         tokens = [robots.liveliness().declare_token(keys.alive_key(fleet.network_name, name)) for name in fleet.robots]
         end_s = REAL_TIME.now() + WAIT_S

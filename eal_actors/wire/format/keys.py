@@ -130,14 +130,9 @@ def revoke_keys(fleet: str) -> str:
     return f"{fleet_key(fleet)}/*/{ROBOT}/{REVOKE}/{AUTHORITY_CALLER}/*"
 
 
-def answer_key(call: CallKey) -> str:
-    """Return the key of the reply to a call."""
-    return _branch_key(call.fleet, ANSWERS, call.caller, call.client, call.robot)
-
-
-def answer_keys(fleet: str, caller: str, client: str) -> str:
-    """Return the key expression of the replies of all robots to a controller."""
-    return _branch_key(fleet, ANSWERS, caller, client, None)
+def answer_key(fleet: str, caller: str, client: str, robot: str | None) -> str:
+    """Return the key of a robot's replies to a controller; the key expression of all robots' if None."""
+    return _branch_key(fleet, ANSWERS, caller, client, robot)
 
 
 def fleet_words(fleet: str) -> str:
@@ -156,14 +151,9 @@ def stream_key(fleet: str, robot: str, resource: str, encoding: str, rate: str) 
     return _branch_key(fleet, STREAMS, robot, resource, encoding, rate)
 
 
-def alive_key(fleet: str, robot: str) -> str:
-    """Return the key of the liveliness token of a robot with our protocol version."""
-    return _branch_key(fleet, ALIVE, str(PROTOCOL_VERSION), robot)
-
-
-def alive_keys(fleet: str) -> str:
-    """Return the key expression of the liveliness tokens of all robots of a fleet, of any version."""
-    return _branch_key(fleet, ALIVE, None, None)
+def alive_key(fleet: str, robot: str | None) -> str:
+    """Return the key of a robot's token with our version; the key expression of all robots' of any version if None."""
+    return _branch_key(fleet, ALIVE, None if robot is None else str(PROTOCOL_VERSION), robot)
 
 
 def heartbeat_key(fleet: str, caller: str | None, client: str | None) -> str:
@@ -228,8 +218,12 @@ def parse_heartbeat(key: str) -> tuple[str, str]:
 @lru_cache(maxsize=4096)
 def parse_route(key: str) -> CallRoute:
     """Return the route of a call by its key; ProtocolError if it is no such key."""
-    call = parse_call(key)
-    return CallRoute(call, answer_key(call), client_id(call.caller, call.client), _is_reading(call))
+    root, *chunks = _split(key)
+    if root != ROOT or len(chunks) != 6:
+        raise ProtocolError(f"key {key!r} is not {ROOT}/<fleet>/<robot>/<resource>/<method>/<caller>/<client>")
+    call = _checked_call(CallKey(*(_decode(chunk, key) for chunk in chunks)), key)
+    fleet, robot, _, _, caller, client = call
+    return CallRoute(call, answer_key(fleet, caller, client, robot), client_id(caller, client), _is_reading(call))
 
 
 @lru_cache(maxsize=4096)
@@ -238,14 +232,6 @@ def route_in_batch(key: str, robot: str, resource: str, method: str) -> CallRout
     route = parse_route(key)
     call = _checked_call(route.call._replace(robot=robot, resource=resource, method=method), key)
     return route._replace(call=call, is_reading=_is_reading(call))
-
-
-def parse_call(key: str) -> CallKey:
-    """Return the parts of the key of a call; ProtocolError if it is no such key."""
-    root, *chunks = _split(key)
-    if root != ROOT or len(chunks) != 6:
-        raise ProtocolError(f"key {key!r} is not {ROOT}/<fleet>/<robot>/<resource>/<method>/<caller>/<client>")
-    return _checked_call(CallKey(*(_decode(chunk, key) for chunk in chunks)), key)
 
 
 def _is_reading(call: CallKey) -> bool:

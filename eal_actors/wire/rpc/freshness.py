@@ -30,7 +30,7 @@ client that it has forgotten.
 Limits:
 - A clock must run while its process is frozen. The system's monotonic clock does, but not while the machine sleeps:
   commands that waited through a sleep of the robot look as young as before it.
-- An accepted command may wait in a mailbox: begin it no later than its stamp's `begin_by_s`.
+- An accepted command may wait in a mailbox: begin it no later than its time to live after its sending.
 - Halts and stops are obeyed at any age and any number of times.
 """
 
@@ -81,16 +81,6 @@ class Stamp(NamedTuple):
     era: str
     echo_s: float
     held_s: float
-
-    @property
-    def sent_s(self) -> float:
-        """Earliest time of sending, by the robot's clock; relative deadlines count from it."""
-        return self.echo_s + self.held_s * (1 - MAX_DRIFT)
-
-    @property
-    def begin_by_s(self) -> float:
-        """Robot's time after which the command must not begin."""
-        return self.sent_s + self.ttl_s
 
 
 class Stamper:
@@ -206,7 +196,7 @@ class CommandHistory(Generic[T]):
         accepted before; then nothing changes.
         """
         call, ttl_s, era, echo_s, held_s = stamp
-        sent_s = echo_s + held_s * (1 - MAX_DRIFT)  # as Stamp.sent_s
+        sent_s = echo_s + held_s * (1 - MAX_DRIFT)
         if era != self.era or not -_ROUNDING_S <= now_s - sent_s <= ttl_s:
             self._refuse(stamp, resource, now_s - sent_s)
         client, epoch, sequence = call

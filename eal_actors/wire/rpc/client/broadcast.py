@@ -87,10 +87,11 @@ class _Broadcast:
     def run(self, session: zenoh.Session, timeout_s: float) -> None:
         """Call every robot until each has answered or the time is over."""
         end_s = REAL_TIME.now() + timeout_s
-        answers = keys.answer_keys(self._config.network_name, self._caller, self._secret)
+        fleet = self._config.network_name
+        answers = keys.answer_key(fleet, self._caller, self._secret, None)
         transport = Transport(session)
         transport.receive(answers, "broadcast answers", self._on_answer)
-        transport.receive_tokens(keys.alive_keys(self._config.network_name), "broadcast presence", self._on_liveliness)
+        transport.receive_tokens(keys.alive_key(fleet, None), "broadcast presence", self._on_liveliness)
         while self._ask_at_s and (now_s := REAL_TIME.now()) < end_s:
             for robot, ask_at_s in self._ask_at_s.items():
                 if ask_at_s <= now_s:

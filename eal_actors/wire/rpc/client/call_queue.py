@@ -26,7 +26,7 @@ from eal_actors.kernel.errors import BusyError, EALError, ProtocolError, RemoteE
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import ACCEPTED, Answer, CallId, RobotEvent, RobotTime, decode_reply
 from eal_actors.wire.format.readings import encode_reading
-from eal_actors.wire.rpc.client.call_arguments import is_small, split_arguments
+from eal_actors.wire.rpc.call_arguments import is_small, split_arguments
 from eal_actors.wire.rpc.client.call_sender import EncodedCall
 from eal_actors.wire.rpc.client.channel import Channel
 from eal_actors.wire.rpc.client.command_encoder import CommandEncoder

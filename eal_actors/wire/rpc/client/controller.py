@@ -166,10 +166,10 @@ class Controller(EALActor):
             self.actor_inbox.call_later(self.clock.of_real(1.0), self._open)
             return
         self._transport = transport = Transport(session)
-        answers = keys.answer_keys(self.fleet, self._caller, self._secret)
+        answers = keys.answer_key(self.fleet, self._caller, self._secret, None)
         transport.receive(answers, f"{self.fleet} answers", self._on_answer)
         transport.receive(keys.event_key(self.fleet, None), f"{self.fleet} events", self._on_event)
-        tokens = keys.ALL_ALIVE if self.certificate is None else keys.alive_keys(self.fleet)
+        tokens = keys.ALL_ALIVE if self.certificate is None else keys.alive_key(self.fleet, None)
         transport.receive_tokens(tokens, f"{self.fleet} presence", self._on_liveliness)
         self._send_heartbeat(transport)
 

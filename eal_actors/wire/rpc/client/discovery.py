@@ -86,7 +86,7 @@ def robots_at(endpoint: str, fleet: FleetConfig | None = None, timeout_s: float 
     if nothing answers there within `timeout_s` real seconds, and ConfigError if the fleet's keys are missing.
     """
     network = None if fleet is None else fleet.network
-    wanted = keys.ALL_ALIVE if fleet is None else keys.alive_keys(fleet.network_name)
+    wanted = keys.ALL_ALIVE if fleet is None else keys.alive_key(fleet.network_name, None)
     try:
         with open_session(probe_config(endpoint, network), timeout_s) as session:
             replies = session.liveliness().get(wanted, timeout=_TOKENS_S)

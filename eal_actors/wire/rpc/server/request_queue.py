@@ -17,7 +17,7 @@ from typing import Final
 from eal_actors.kernel.errors import BusyError
 from eal_actors.wire.format.keys import CallKey, certificate_id
 from eal_actors.wire.format.messages import CallHeader
-from eal_actors.wire.rpc.server.call_arguments import check_texts
+from eal_actors.wire.rpc.call_arguments import check_texts
 
 MOST_WAITING: Final = 64
 """Limit of the waiting calls of one certificate to one robot."""

@@ -45,8 +45,8 @@ from eal_actors.wire.format.messages import (
 from eal_actors.wire.format.packing import Buffer
 from eal_actors.wire.format.parts import sequence_at
 from eal_actors.wire.local_link import LocalLink
+from eal_actors.wire.rpc.call_arguments import check_arguments, check_request, is_stop, start_call
 from eal_actors.wire.rpc.server.admission import Admission
-from eal_actors.wire.rpc.server.call_arguments import check_arguments, check_request, is_stop, start_call
 from eal_actors.wire.rpc.server.controller_memories import ControllerMemories
 from eal_actors.wire.rpc.server.outbox import Outbox, ReplyBatch
 from eal_actors.wire.rpc.server.replies import Replies

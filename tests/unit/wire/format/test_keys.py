@@ -38,7 +38,7 @@ CLIENT = 2 * "0123456789abcdef"
 def test_names_and_keys_belong_together(names: tuple[str, str, str, str, str], key: str) -> None:
     call = CallKey(*names, CLIENT)
     assert keys.call_key(call) == f"{key}/{CLIENT}"
-    assert keys.parse_call(f"{key}/{CLIENT}") == call
+    assert keys.parse_route(f"{key}/{CLIENT}").call == call
 
 
 @given(ANY_TEXT, NAMES, NAMES, st.sampled_from(keys.RESOURCE_METHODS), NAMES)
@@ -49,7 +49,7 @@ def test_every_key_is_one_for_zenoh_and_reads_back(
 ) -> None:
     call = CallKey(fleet, robot, resource, method, caller, CLIENT)
     key = keys.call_key(call)
-    assert keys.parse_call(key) == call
+    assert keys.parse_route(key).call == call
     assert robot in key  # names of robots and resources stand as they are
     assert resource in key
     own = zenoh.KeyExpr(keys.call_keys(fleet, robot))
@@ -57,10 +57,10 @@ def test_every_key_is_one_for_zenoh_and_reads_back(
     assert zenoh.KeyExpr(keys.call_keys(fleet, None)).includes(own)
     assert not own.intersects(keys.call_key(call._replace(robot=robot + "x")))
     assert not own.intersects(keys.call_key(call._replace(fleet=fleet + "x")))
-    answer = keys.answer_key(call)
+    answer = keys.answer_key(fleet, caller, CLIENT, robot)
     assert keys.parse_robot(answer) == (fleet, robot)
-    assert zenoh.KeyExpr(keys.answer_keys(fleet, caller, CLIENT)).includes(answer)
-    assert not zenoh.KeyExpr(keys.answer_keys(fleet, caller + "x", CLIENT)).intersects(answer)
+    assert zenoh.KeyExpr(keys.answer_key(fleet, caller, CLIENT, None)).includes(answer)
+    assert not zenoh.KeyExpr(keys.answer_key(fleet, caller + "x", CLIENT, None)).intersects(answer)
 
 
 @given(st.text())
@@ -68,7 +68,7 @@ def test_every_key_is_one_for_zenoh_and_reads_back(
 @example("eal/lab//S/halt/_/c")
 def test_a_key_is_spelt_one_way_or_refused(key: str) -> None:
     try:
-        call = keys.parse_call(key)
+        call = keys.parse_route(key).call
     except ProtocolError:
         return
     assert keys.call_key(call) == key
@@ -93,7 +93,7 @@ def test_a_key_is_spelt_one_way_or_refused(key: str) -> None:
 )
 def test_what_means_no_call_is_refused(key: str, message: str) -> None:
     with pytest.raises(ProtocolError, match=re.escape(message)):
-        keys.parse_call(key)
+        keys.parse_route(key)
 
 
 @pytest.mark.parametrize("names", [("", "r", "S", "halt"), ("f", "", "S", "halt"), ("f", "r", "", "halt")])
@@ -105,7 +105,7 @@ def test_an_empty_name_has_no_key(names: tuple[str, str, str, str]) -> None:
 @given(ANY_TEXT, NAMES, NAMES)
 def test_what_is_told_stands_apart_from_calls(fleet: str, robot: str, resource: str) -> None:
     told = {
-        keys.alive_key(fleet, robot): keys.alive_keys(fleet),
+        keys.alive_key(fleet, robot): keys.alive_key(fleet, None),
         keys.event_key(fleet, robot): keys.event_key(fleet, None),
         keys.heartbeat_key(fleet, robot, CLIENT): keys.heartbeat_key(fleet, None, None),
         keys.stream_key(fleet, robot, resource, "raw", "12.5"): None,
@@ -135,7 +135,7 @@ def test_a_heartbeat_names_its_sender() -> None:
             keys.parse_heartbeat(key)
 
 
-@pytest.mark.parametrize("parse", [keys.parse_call, keys.parse_heartbeat])
+@pytest.mark.parametrize("parse", [keys.parse_route, keys.parse_heartbeat])
 def test_a_long_key_is_not_read(parse: Callable[[str], object]) -> None:
     with pytest.raises(ProtocolError, match="a key of 1025 characters, more than 1024"):
         parse("x" * 1025)
@@ -151,7 +151,7 @@ def test_the_published_identifier_belongs_to_a_certificate_and_hides_the_client(
 def test_the_token_s_key_is_what_it_was_and_tells_the_version() -> None:
     assert keys.alive_key("lab", "r1") == f"eal/lab/@alive/{PROTOCOL_VERSION}/r1"
     assert keys.parse_alive("eal/my%20lab/@alive/17/r1") == ("my lab", "r1", 17)
-    assert zenoh.KeyExpr(keys.alive_keys("lab")).includes("eal/lab/@alive/17/r1")
+    assert zenoh.KeyExpr(keys.alive_key("lab", None)).includes("eal/lab/@alive/17/r1")
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,6 @@
-"""How a robot calls a resource for a controller: which arguments each method takes, and which calls are stops.
+"""The arguments of a call: how messages carry them, which ones each method takes, and which calls are stops.
+
+No method has more than one value: it becomes the payload, which is not copied. Texts and ints go into the header.
 
 Arguments come from another machine. Their number, types and lengths are checked before a call enters a mailbox, since
 a resource is not written for others, and a full mailbox keeps all their texts.
@@ -33,8 +35,31 @@ _ARGUMENT_TYPES: Final[dict[str, tuple[type, ...]]] = {
 }
 _TAKE_DATA: Final = frozenset({"set_value", "send_cmd", "write_comm", "set_config"})
 _NEED_DATA: Final = frozenset({"set_value", "write_comm"})
+_SMALL_BYTES: Final = 32 * 1024
 _MAX_TEXT: Final = 4096
 """Limit of a call's texts, since a full mailbox of them may wait. Values have limits of their own."""
+
+
+def split_arguments(call: Call[Any]) -> tuple[tuple[str | int, ...], EALData | None]:
+    """Return a call's arguments as its header and its payload carry them."""
+    if len(call.arguments) == 2 and call.arguments[1] is None:  # a command whose text has all
+        return call.arguments[:1], None
+    plain: list[str | int] = []
+    data = None
+    for argument in call.arguments:
+        if isinstance(argument, EALData):
+            data = argument
+        elif argument is not None:
+            plain.append(argument)
+    return tuple(plain), data
+
+
+def is_small(call: Call[Any]) -> bool:
+    """Return whether a call fits into one batch of a link."""
+    for item in call.arguments:  # noqa: SIM110  # a generator takes three times as long, in every command
+        if type(item) is EALData and item.length > _SMALL_BYTES:
+            return False
+    return True
 
 
 def start_call(
