@@ -103,9 +103,8 @@ class ActivityActor(EALActor):
     """The owner of one resource, as far as its activities go.
 
     At most one activity is a motion, which a newer one replaces. Any other call that takes time, such as a `get_value`
-    or a `read_comm`, is an exchange: it disturbs no other activity, and any number of them run side by side.
-
-    Thread: the actor's own, except where a method says otherwise.
+    or a `read_comm`, is an exchange: it disturbs no other activity, and any number of them run side by side. Thread:
+    the actor's own, except where a method says otherwise.
     """
 
     def __init__(self, cell: ResourceCell, capacity: int) -> None:

@@ -132,9 +132,7 @@ class EALActor(pykka.ThreadingActor):
         """Handle a message in the caller's thread, in this actor's place, if the actor is idle; else return False.
 
         The mailbox's order holds: the actor is idle when nothing waits and no timer is due, and handles nothing else
-        until the message is handled.
-
-        Thread: any.
+        until the message is handled. Thread: any.
         """
         inbox = self.actor_inbox
         try:
@@ -209,9 +207,7 @@ class EALActor(pykka.ThreadingActor):
         """Give up a stuck actor: fail its callers and raise AbandonedThread in its thread, and in one that serves it.
 
         That unwinds Python code that loops or sleeps in short turns. A thread that blocks forever inside one system
-        call stays, as a daemon.
-
-        Thread: any but its own; does not block.
+        call stays, as a daemon. Thread: any but its own; does not block.
         """
         pykka.ActorRegistry.unregister(self.actor_ref)
         self._is_abandoned = True

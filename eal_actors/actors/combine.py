@@ -86,9 +86,8 @@ def gather(futures: Iterable[Future[T]], *, return_exceptions: bool = False) -> 
     """Return a future of all results, in the order given.
 
     It is done when every part is, so that nothing still runs behind the caller's back. It fails with the first failure
-    in that order, unless `return_exceptions` puts failures in the list in place of results.
-
-    Thread: any; does not block.
+    in that order, unless `return_exceptions` puts failures in the list in place of results. Thread: any; does not
+    block.
     """
     parts = _all_or_none(futures)
     pending = [part for part in parts if not part.done()]  # the others need no link
@@ -117,10 +116,7 @@ def gather(futures: Iterable[Future[T]], *, return_exceptions: bool = False) -> 
 def first(futures: Iterable[Future[T]]) -> Future[T]:
     """Return a future of the first success and cancel the others. It fails when all have failed.
 
-    Raises:
-        CallError: there is no future.
-
-    Thread: any; does not block.
+    Raises CallError if there is no future. Thread: any; does not block.
     """
     parts = list(futures)
     if not parts:

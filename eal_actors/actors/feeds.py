@@ -29,8 +29,7 @@ class StreamSpec:
     Attributes:
         rate_hz: values in a second of the fleet's clock, at most.
 
-    Raises:
-        ArgumentError: the rate is not over 0 and up to MAX_RATE_HZ, or the encoding is unknown.
+    Raises ArgumentError if the rate is not over 0 and up to MAX_RATE_HZ, or the encoding is unknown.
     """
 
     rate_hz: float

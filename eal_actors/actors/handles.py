@@ -65,7 +65,6 @@ class RobotHandle(RobotParts, Mapping[str, ResourceHandle]):
         """Start the robot's connection anew after `close`; for the fleet.
 
         Callbacks of `on_state` and an emergency stop stay. Handles of resources belong to the former connection.
-
         Thread: any; does not block.
         """
         actor, view = start()
@@ -95,9 +94,7 @@ class RobotHandle(RobotParts, Mapping[str, ResourceHandle]):
         """Return a future that is done when the robot is in a state, at once if it is.
 
         It fails with DeadlineError after `timeout_s` seconds of the fleet's clock, and with UnavailableError as soon as
-        the robot is disconnected or has failed for good.
-
-        Thread: any; does not block.
+        the robot is disconnected or has failed for good. Thread: any; does not block.
         """
         return StateFuture(self._view, state, timeout_s, self._actor.actor_inbox)
 
@@ -179,9 +176,7 @@ class RobotHandle(RobotParts, Mapping[str, ResourceHandle]):
         """Return the robot's state, the round trip to it, and the offset of its clock from ours.
 
         A robot of this process answers at once; one that is out of reach fails with UnavailableError. Each ping
-        improves the estimate of the offset.
-
-        Thread: any; does not block.
+        improves the estimate of the offset. Thread: any; does not block.
         """
         return self._actor.ping()
 
@@ -292,10 +287,9 @@ def close_robots(robots: Sequence[RobotHandle], timeout_s: float = CLOSE_TIMEOUT
 
     They have `timeout_s` real seconds to stop by themselves, which count anew whenever a thread ends, so that many
     robots on a busy machine are not taken for stuck ones. Stuck threads are abandoned and named in the log. Once a
-    robot is stuck, all the others end at once.
-
-    Thread: blocks the caller; if no thread ends, about three times `timeout_s` however many robots there are. In a
-    thread of one of the robots, such as a done-callback's, it does not wait for that robot.
+    robot is stuck, all the others end at once. Thread: blocks the caller; if no thread ends, about three times
+    `timeout_s` however many robots there are. In a thread of one of the robots, such as a done-callback's, it does not
+    wait for that robot.
     """
     for place, robot in enumerate(robots):  # before time passes without this thread, and motions end by themselves
         robot._actor.shut_down() if place < _AT_ONCE else robot._actor.halt_before_end()

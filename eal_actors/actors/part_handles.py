@@ -45,9 +45,7 @@ class BaseHandle(PartHandle):
     """A base with two driven wheels or tracks. Every call returns a future at once; see ResourceHandle for its errors.
 
     A newer motion replaces a running one, whose future fails with PreemptedError. Angles are in degrees,
-    counter-clockwise positive; places are in the map frame.
-
-    Thread: any; handles may be shared.
+    counter-clockwise positive; places are in the map frame. Thread: any; handles may be shared.
     """
 
     __slots__ = ()

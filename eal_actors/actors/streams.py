@@ -190,9 +190,7 @@ class PolledFeed:
     """The feed of a resource in this process: one get_value call at a time, which waits in the mailbox like all others.
 
     The polls keep to a grid of whole periods from the first one. If an answer takes longer than a period, the polls of
-    the meantime are skipped, so that a slow resource is never overloaded.
-
-    Thread: the timekeeper's and the resource's.
+    the meantime are skipped, so that a slow resource is never overloaded. Thread: the timekeeper's and the resource's.
     """
 
     def __init__(self, cell: ResourceCell, spec: StreamSpec, sink: Sink) -> None:

@@ -65,10 +65,8 @@ class EALDataInfo_t:
     def fill(self, read: bytes) -> int:
         """Replace the payload's memory and keep its type; return the number of bytes. What follows them is zero.
 
-        Text that contains a zero byte, or is not UTF-8, becomes bytes.
-
-        Raises:
-            DataError: the bytes are no value of the type.
+        Text that contains a zero byte, or is not UTF-8, becomes bytes. Raises DataError if the bytes are no value of
+        the type.
         """
         c_type = self._c_type
         if c_type == TEXT:

@@ -82,8 +82,7 @@ class _CalibrationResult:
 class ManualMeasurement(SquareMeasurement):
     """Measurement by a person with a tape measure, who also puts the robot back on its mark.
 
-    Raises:
-        ArgumentError: stdin is at its end, so that nobody can answer; raised by its methods.
+    Its methods raise ArgumentError if stdin is at its end, so that nobody can answer.
     """
 
     def __init__(self, robot: str, clock: Clock) -> None:

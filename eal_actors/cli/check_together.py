@@ -32,10 +32,8 @@ class TogetherCheck:
 def check_together(scenario_file: str, fleet_file: str) -> TogetherCheck:
     """Bind a scenario to a fleet, and check every call on the simulated twins of its robots; no device is opened.
 
-    What is wrong in the scenario itself is left out, and not reported again.
-
-    Raises:
-        ConfigError: the fleet file has problems of its own.
+    What is wrong in the scenario itself is left out, and not reported again. Raises ConfigError if the fleet file has
+    problems of its own.
     """
     config = EALConfigManager.load(fleet_file).fleet
     scenario, is_new = examine_scenario(scenario_file)

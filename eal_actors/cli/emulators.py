@@ -92,18 +92,13 @@ class _MarkedEnvironment(Mapping[str, str]):
 def open_devices(fleet: Path) -> list[LabDevice]:
     """Return the devices of a fleet that can be emulated: settings `${LAB_...:-...}` of plugins with an emulator.
 
-    Raises:
-        ConfigError: the problems of the file.
+    Raises ConfigError with the problems of the file.
     """
     return devices_of(load_marked(fleet))
 
 
 def load_marked(fleet: Path) -> FleetConfig:
-    """Return the configuration of a fleet whose open settings are marked.
-
-    Raises:
-        ConfigError: the problems of the file.
-    """
+    """Return the configuration of a fleet whose open settings are marked; ConfigError with the problems of the file."""
     return EALConfigManager.load(fleet, environment=_MarkedEnvironment()).fleet
 
 

@@ -221,8 +221,7 @@ def show_keys(fleet: FleetOption, directory: DirOption = None, as_json: JsonOpti
 def parse_lifetime(text: str | None) -> timedelta | None:
     """Return the lifetime of `--valid-for`; None if it was not given.
 
-    Raises:
-        BadParameter: it is no lifetime from one hour to ten years.
+    Raises BadParameter if it is no lifetime from one hour to ten years.
     """
     if text is None:
         return None

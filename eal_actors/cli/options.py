@@ -87,8 +87,7 @@ class EalCommandGroup(_PlainFlags, TyperGroup):
 def bad_option(option: str) -> Iterator[None]:
     """Turn a ValueError or a ScenarioError of the block into that of an option, unless it is about a file.
 
-    Raises:
-        BadParameter: the option's value is wrong.
+    Raises BadParameter if the option's value is wrong.
     """
     try:
         yield

@@ -89,8 +89,7 @@ def new_plugin(
 def write_plugin(name: str, directory: Path) -> Path:
     """Write a plugin's folder from the templates, below a parent that is made if it does not exist; return the folder.
 
-    Raises:
-        ConfigError: the name cannot be used, or the folder exists or cannot be written.
+    Raises ConfigError if the name cannot be used, or the folder exists or cannot be written.
     """
     resource = "".join(part.capitalize() for part in name.split("_"))
     folder = directory / name

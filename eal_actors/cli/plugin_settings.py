@@ -18,8 +18,7 @@ SettingOption: TypeAlias = Annotated[
 def parse_settings(texts: Sequence[str]) -> dict[str, Any]:
     """Return the settings of texts such as `rate_hz=5`.
 
-    Raises:
-        BadParameter: a text is no KEY=VALUE, or its value is no YAML.
+    Raises BadParameter if a text is no KEY=VALUE, or its value is no YAML.
     """
     settings: dict[str, Any] = {}
     for text in texts:

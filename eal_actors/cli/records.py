@@ -214,11 +214,7 @@ def _next_command(run: Path, fleet: Path) -> list[str]:
 
 @contextmanager
 def reading_run() -> Iterator[None]:
-    """Convert errors of reading a run.
-
-    Raises:
-        BadParameter: the run cannot be read.
-    """
+    """Convert errors of reading a run. Raises BadParameter if the run cannot be read."""
     try:
         yield
     except ScenarioError as error:

@@ -147,11 +147,7 @@ def _kept(file: Path, copy: Path) -> Path:
 
 
 def parse_rate(text: str | None) -> Rate | None:
-    """Return the value of --rate.
-
-    Raises:
-        BadParameter: it is neither a number of at least 0.001 nor `max`.
-    """
+    """Return the value of --rate. Raises BadParameter if it is neither a number of at least 0.001 nor `max`."""
     if text is None:
         return None
     if text == MAX:

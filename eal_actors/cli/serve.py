@@ -66,8 +66,7 @@ def serve_robot(
 def _with_identity(config: FleetConfig, out: Console) -> FleetConfig:
     """Return the fleet with an identity, unless it has keys or only programs of this machine reach the robots.
 
-    Raises:
-        ConfigError: its file cannot be changed.
+    Raises ConfigError if its file cannot be changed.
     """
     if not config.needs_identity(config.robots):
         return config

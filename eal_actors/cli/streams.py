@@ -67,8 +67,7 @@ class _FailsafeStream:
 def failsafe_output() -> Iterator[None]:
     """Discard the output of stdout and stderr where they are closed or cannot be written, instead of raising.
 
-    Raises:
-        SystemExit: with 1 instead of 0 if output was lost.
+    Raises SystemExit with 1 instead of 0 if output was lost.
     """
     sys.stdin = sys.stdin or _open_null("r")
     streams = [_FailsafeStream(stream or _open_null("w")) for stream in (sys.stdout, sys.stderr)]
@@ -91,8 +90,7 @@ def _open_null(mode: str) -> TextIO:
 def event_stream(target: str | None) -> Iterator[list[Listener]]:
     """Yield the listener that writes each event as a JSON line to a file, or to stdout for `-`; none without a target.
 
-    Raises:
-        BadParameter: the file cannot be written.
+    Raises BadParameter if the file cannot be written.
     """
     if target is None:
         yield []

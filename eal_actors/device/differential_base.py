@@ -200,8 +200,7 @@ class DifferentialBase(MapMotions):
     def set_value(self, data: EALData) -> Activity:
         """Drive at a twist until a newer command, or until the time-out passes without one.
 
-        Raises:
-            ArgumentError: the twist is beyond the drivetrain's limits, or not finite.
+        Raises ArgumentError if the twist is beyond the drivetrain's limits, or not finite.
         """
         speed_m_s, turn_rate_rad_s = (float(number) for number in data.value)
         self._check_reach("speed", speed_m_s, self.drivetrain.max_speed_m_s, "m/s")

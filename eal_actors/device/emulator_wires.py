@@ -40,9 +40,8 @@ class DeviceEmulator(Protocol):
 class EmulatorWire(ABC):
     """A port with an emulator behind it while plugged in; each plugging in makes a new emulator.
 
-    `address` is the device path, or `host:port`, and constant.
-
-    Thread: its owner's; the emulator runs in its own thread.
+    `address` is the device path, or `host:port`, and constant. Thread: its owner's; the emulator runs in its own
+    thread.
     """
 
     address: str

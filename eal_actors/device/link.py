@@ -13,9 +13,7 @@ class FaultyLink:
 
     Lost calls are not refused: they reach no resource, and their callers wait until their deadlines, as with a robot
     out of reach. The losses depend on the fleet's seed, the robot's name and the calls alone. Calls to `spared`,
-    resources beside the robot such as ground truth, always arrive.
-
-    Thread: any.
+    resources beside the robot such as ground truth, always arrive. Thread: any.
     """
 
     def __init__(self, robot: str, seed: int = 0) -> None:

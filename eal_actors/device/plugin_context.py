@@ -36,12 +36,9 @@ class PluginSettingsModel(StrictModel):
 class EALPlugin:
     """The result of `connect`: the names of the plugin's resources (Source: thesis B.3.2).
 
-    Either `EALPlugin("A", "B")`, which a None may end as in the thesis, or with the count first,
-    `EALPlugin(2, "A", "B")`, where names beyond the count are ignored and too few are an error. Subclass it
-    to hold objects that the resources share, such as an open port.
-
-    Raises:
-        PluginError: no name, a name twice, or fewer names than the count.
+    Either `EALPlugin("A", "B")`, which a None may end as in the thesis, or with the count first, `EALPlugin(2, "A",
+    "B")`, where names beyond the count are ignored and too few are an error. Subclass it to hold objects that the
+    resources share, such as an open port. Raises PluginError for no name, a name twice, or fewer names than the count.
     """
 
     def __init__(self, *names: str | int | None) -> None:
@@ -172,8 +169,7 @@ class PluginContext:
             model: the required model of the robot, as that plugin names it.
             emulate: makes the driver's emulator for a body: an object with `feed(data, now_s) -> bytes`.
 
-        Raises:
-            PluginError: there is no such plugin or robot, or it opens no ports.
+        Raises PluginError if there is no such plugin or robot, or it opens no ports.
         """
         if self.services.open_port is None:
             raise PluginError(f"port {url!r}: there are no simulated ports here")
@@ -188,8 +184,7 @@ class PluginContext:
             An object with `frame() -> (picture, stamp_s)`: blue, green and red, shape (height, width, 3), and the time
             of its exposure. Thread: any.
 
-        Raises:
-            PluginError: there is no such plugin or camera.
+        Raises PluginError if there is no such plugin or camera.
         """
         if self.services.open_camera is None:
             raise PluginError(f"camera {url!r}: there are no simulated cameras here")

@@ -122,8 +122,7 @@ class ReopeningDevice(Generic[_D]):
     def use(self, action: Callable[[_D], _T]) -> _T:
         """Use the open device exclusively, for several reads or a change of its speed.
 
-        Raises:
-            NotReadyError: it is not open, or it broke and is being reopened.
+        Raises NotReadyError if it is not open, or it broke and is being reopened.
         """
         with self._lock:
             port = self._port

@@ -201,9 +201,8 @@ class Resource:
         """Return the value if it is known without I/O, else None, the default.
 
         For callers that read many resources many times a second, such as a map of a hundred robots, for which a turn in
-        each mailbox would cost far more than the values. Override it where `get_value` only reads memory.
-
-        Thread: any, in parallel with all other methods, also before `open` and after `close`; it must be quick.
+        each mailbox would cost far more than the values. Override it where `get_value` only reads memory. Thread: any,
+        in parallel with all other methods, also before `open` and after `close`; it must be quick.
         """
         return None
 
@@ -307,8 +306,7 @@ class Resource:
             fraction: the part that is done; below 0 counts as 0, above 1 as 1. None if unknown.
             text: the present stage, for people.
 
-        Raises:
-            ArgumentError: the fraction is no number.
+        Raises ArgumentError if the fraction is no number.
         """
         if fraction is not None:
             if fraction != fraction:

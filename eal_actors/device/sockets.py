@@ -16,10 +16,7 @@ _PEER_LOST_S: Final = 10  # a peer that loses its power sends nothing; TCP gives
 
 
 def open_tcp(host: str, port: int, timeout_s: float = _CONNECT_TIMEOUT_S) -> TcpPort:
-    """Connect to a TCP server.
-
-    Raises:
-        OSError: it does not answer, refuses, or has no such name.
+    """Connect to a TCP server; OSError if it does not answer, refuses, or has no such name.
 
     Thread: blocks the caller for `timeout_s` at most, and as long as it takes to look up the name.
     """
@@ -107,10 +104,8 @@ class UdpPort:
         host: name or address of the peer; datagrams from others are ignored.
         local_port: the local port; 0 for any.
 
-    Raises:
-        OSError: the host is unknown or unreachable, or the local port is in use.
-
-    Thread: the constructor blocks while the name is looked up.
+    Raises OSError if the host is unknown or unreachable, or the local port is in use. Thread: the constructor blocks
+    while the name is looked up.
     """
 
     def __init__(self, host: str, port: int, local_port: int = 0) -> None:

@@ -37,11 +37,7 @@ class ExclusiveSerial(serial.Serial):  # type: ignore[misc]  # pyserial has no t
 
 
 def new_port(url: str, settings: Mapping[str, Any]) -> Any:
-    """Return a port of pyserial that is not open yet.
-
-    Raises:
-        ValueError: a setting, or the kind of URL, is invalid.
-    """
+    """Return a port of pyserial that is not open yet; ValueError if a setting, or the kind of URL, is invalid."""
     if url.startswith("rfc2217:"):  # pyserial has no time-out of a write there, but one of 5 s of its socket
         settings = {**settings, "write_timeout": None}
     if "://" in url:

@@ -58,19 +58,11 @@ class VelocityBase(DifferentialBase):
 
     @abstractmethod
     def read_odometry(self) -> OdometryReading:
-        """Return the newest odometry.
-
-        Raises:
-            UnavailableError: it is too old.
-        """
+        """Return the newest odometry. Raises UnavailableError if it is too old."""
 
     @abstractmethod
     def send_velocity(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        """Send one velocity.
-
-        Raises:
-            UnavailableError: the link is down.
-        """
+        """Send one velocity. Raises UnavailableError if the link is down."""
 
     def get_status(self) -> int:
         """Return 0 while it stands, 1 while it moves."""

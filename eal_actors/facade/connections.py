@@ -49,8 +49,7 @@ def find_robot(config: FleetConfig, host: str, port: int) -> str | None:
 def resolve_endpoint(config: FleetConfig, host: str, port: int) -> str:
     """Return the endpoint of a host and a port that are no robot of the fleet.
 
-    Raises:
-        RobotNotFoundError: they are no endpoint, or no machine has that name.
+    Raises RobotNotFoundError if they are no endpoint, or no machine has that name.
     """
     try:
         endpoint = _endpoint(host, port)
@@ -121,10 +120,7 @@ _connections: Counter[RobotHandle] = Counter()
 def acquire_fleet(path: Path) -> Fleet:
     """Return the process's connected fleet of a file; each call needs one `release_fleet`.
 
-    Raises:
-        ConfigError: the file is invalid.
-
-    Thread: any; blocks while the fleet connects.
+    Raises ConfigError if the file is invalid. Thread: any; blocks while the fleet connects.
     """
     return _acquire(path.resolve(), lambda: Fleet.load(path))
 

@@ -115,8 +115,7 @@ class EAL(BlockingParts):
     def tasks(self, timeout_s: float | None = None) -> TaskGroup:
         """Return a group of tasks that run at the same time, on the fleet's clock; see `Fleet.tasks`.
 
-        Raises:
-            UnavailableError: this connection is closed.
+        Raises UnavailableError if this connection is closed.
         """
         return TaskGroup(self._open_robot().clock, timeout_s)
 
@@ -124,10 +123,8 @@ class EAL(BlockingParts):
         """Close the connection (Source: thesis B.2.1.2).
 
         The last connection of this process to a robot halts it, unless `connect` was given an open Fleet. Later calls
-        raise UnavailableError.
-
-        Raises:
-            ResourceInUseError: resources are still checked out; the connection stays open (thesis B.2.4).
+        raise UnavailableError. Raises ResourceInUseError if resources are still checked out; the connection stays open
+        (thesis B.2.4).
         """
         self._manager.check_all_returned()
         self._release()
@@ -168,8 +165,7 @@ class EAL(BlockingParts):
     def find_resource(self, name: str) -> int:
         """Return the id of a resource, valid in this connection only (Source: thesis B.2.2.2).
 
-        Raises:
-            ResourceNotFoundError: the robot has no such resource.
+        Raises ResourceNotFoundError if the robot has no such resource.
         """
         return self._manager.find(name)
 

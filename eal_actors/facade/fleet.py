@@ -65,10 +65,8 @@ class Fleet(FleetCalls):
     def load(cls, path: str | Path, *, environment: Mapping[str, str] | None = None) -> Fleet:
         """Read a fleet file, or a bundled one by its name such as `sim`, without connecting a robot.
 
-        Without an environment, `${NAME}` in the file has the values of the process's environment.
-
-        Raises:
-            ConfigError: the file is invalid; the error lists every problem.
+        Without an environment, `${NAME}` in the file has the values of the process's environment. Raises ConfigError if
+        the file is invalid; the error lists every problem.
         """
         fleet = cls(EALConfigManager.load(path, environment=environment).fleet)
         fleet._environment = environment
@@ -209,9 +207,7 @@ class Fleet(FleetCalls):
     def close(self, timeout_s: float = CLOSE_TIMEOUT_S) -> None:
         """Halt all motion, disconnect every robot and end its threads. Closing it twice is harmless.
 
-        A robot that is stuck is abandoned after `timeout_s` real seconds.
-
-        Thread: blocks the caller.
+        A robot that is stuck is abandoned after `timeout_s` real seconds. Thread: blocks the caller.
         """
         with self._start_lock:
             robots = dict(self._robots)
@@ -245,11 +241,7 @@ class Fleet(FleetCalls):
         return fleet_table(self.config, self._robots)
 
     def __getitem__(self, name: str) -> RobotHandle:
-        """Return a robot.
-
-        Raises:
-            RobotNotFoundError: the fleet has no such robot, or is not connected.
-        """
+        """Return a robot. Raises RobotNotFoundError if the fleet has no such robot, or is not connected."""
         try:
             return self._robots[name]
         except KeyError:
@@ -277,8 +269,7 @@ class Fleet(FleetCalls):
     ) -> list[RobotHandle]:
         """Return the robots that match all arguments, in the order of the fleet file; a type matches derived ones too.
 
-        Raises:
-            RobotNotFoundError: the fleet has no such name, tag or type.
+        Raises RobotNotFoundError if the fleet has no such name, tag or type.
         """
         chosen = EALConfigManager(self.config).select(names, tags=tags, types=types)
         return [self[robot.name] for robot in chosen]
@@ -286,8 +277,7 @@ class Fleet(FleetCalls):
     def place(self, name: str) -> NamedPlace:
         """Return a place of the fleet's world by its name: `fleet.place("dock").x_m`.
 
-        Raises:
-            PlaceNotFoundError: the world has no such place, or the fleet file names no world.
+        Raises PlaceNotFoundError if the world has no such place, or the fleet file names no world.
         """
         if self.config.world is None:
             raise PlaceNotFoundError(f"no place {name!r}: fleet {self.name!r} has no world; give its file a `world`")

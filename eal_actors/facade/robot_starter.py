@@ -24,10 +24,7 @@ from eal_actors.wire.rpc.client.remote_robot import RemoteRobot, RemoteSpec
 
 
 class RobotStarter:
-    """Starts the robots of a fleet.
-
-    Thread: one at a time.
-    """
+    """Starts the robots of a fleet. Thread: one at a time."""
 
     def __init__(self, config: FleetConfig, clock: Clock) -> None:
         self.config = config
@@ -104,9 +101,7 @@ class RobotStarter:
     def end_sessions(self, timeout_s: float, robots: Iterable[str] | None = None) -> None:
         """Close the network sessions that only some robots used, which are closed; all sessions if None.
 
-        Each has `timeout_s` real seconds to close.
-
-        Thread: blocks the caller.
+        Each has `timeout_s` real seconds to close. Thread: blocks the caller.
         """
         names = list(self._controllers) if robots is None else robots
         ended = {self._controllers.pop(name) for name in names if name in self._controllers}

@@ -204,12 +204,8 @@ def serve_together(config: FleetConfig, robots: Sequence[str]) -> Iterator[tuple
     """Serve robots that share this process, such as all robots and trackers of one simulated world.
 
     Those of one address share a session too: calls that wait together to them travel in one message. With certificates
-    they cannot, as each has its own.
-
-    Raises:
-        EALError: as for RobotService.
-
-    Thread: blocks the caller while it opens and closes.
+    they cannot, as each has its own. Raises EALError as for RobotService. Thread: blocks the caller while it opens and
+    closes.
     """
     services = []
     with Fleet(_local(config, robots)).connect() as fleet, ExitStack() as stack:

@@ -84,12 +84,8 @@ class TaskGroup:
         """Start `function(*args, **kwargs)` in a thread of its own; return the future of its result.
 
         Cancelling the future cancels the task. The robots among the arguments are halted when the task or the group is
-        cancelled.
-
-        Raises:
-            RuntimeError: the group's `with` block has not begun or is over.
-
-        Thread: any; does not block.
+        cancelled. Raises RuntimeError if the group's `with` block has not begun or is over. Thread: any; does not
+        block.
         """
         if self._scope is None:
             raise RuntimeError("start tasks inside the `with` block of their group")

@@ -45,10 +45,8 @@ def find_file(name: str | Path, kind: Kind, folder: Path | None = None) -> Path:
     """Return the file of a path or a name.
 
     A path, which has a folder or a suffix, is returned as it is. A name such as `dance` is the file `dance` or
-    `dance.yaml` of the folder, by default the working directory, or else the bundled one.
-
-    Raises:
-        ConfigError: no file has that name, in the folder or bundled.
+    `dance.yaml` of the folder, by default the working directory, or else the bundled one. Raises ConfigError if no file
+    has that name, in the folder or bundled.
     """
     path = Path(name) if folder is None else folder / name
     if not _is_bare(name) or path.is_file():
@@ -64,8 +62,7 @@ def find_file(name: str | Path, kind: Kind, folder: Path | None = None) -> Path:
 def find_files(name: str | Path) -> tuple[Path, ...]:
     """Return the files of a path or a name, whatever their kinds: fleets, scenarios and worlds may share a name.
 
-    Raises:
-        ConfigError: no file has that name, in the working directory or bundled.
+    Raises ConfigError if no file has that name, in the working directory or bundled.
     """
     path = Path(name)
     for here in (path, path.with_name(f"{path.name}{_SUFFIX}")):

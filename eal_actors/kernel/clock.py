@@ -103,10 +103,7 @@ class Clock(ABC):
     def sleep(self, duration_s: float) -> None:
         """Block the caller for a duration in seconds of this clock.
 
-        Raises:
-            CallCancelledError: the caller's task was cancelled.
-
-        Thread: blocks the caller.
+        Raises CallCancelledError if the caller's task was cancelled. Thread: blocks the caller.
         """
         wait_in_scope(self, new_waiter(), duration_s)
 
@@ -177,10 +174,7 @@ class CancelScope:
             self._parent.remove_child(self)
 
     def wait(self, clock: Clock, waiter: threading.Lock, timeout_s: float | None) -> bool:
-        """Wait as `Clock.wait` does.
-
-        Raises:
-            CallCancelledError: the scope is cancelled.
+        """Wait as `Clock.wait` does; CallCancelledError if the scope is cancelled.
 
         Thread: blocks the caller, which is the scope's one thread.
         """
@@ -221,10 +215,7 @@ def in_scope(scope: CancelScope | None) -> Iterator[None]:
 def wait_in_scope(clock: Clock, waiter: threading.Lock, timeout_s: float | None) -> bool:
     """Wait as `Clock.wait` does, until the calling thread's scope is cancelled.
 
-    Raises:
-        CallCancelledError: the scope is cancelled.
-
-    Thread: blocks the caller.
+    Raises CallCancelledError if the scope is cancelled. Thread: blocks the caller.
     """
     scope = _local.scope  # not current_scope(): every wait of a caller is here
     return clock.wait(waiter, timeout_s) if scope is None else scope.wait(clock, waiter, timeout_s)

@@ -10,10 +10,7 @@ from eal_actors.kernel.clock import REAL_TIME
 
 
 class LogLimit:
-    """Admits some lines in each period of real time, and counts the others.
-
-    Thread: any.
-    """
+    """Admits some lines in each period of real time, and counts the others. Thread: any."""
 
     def __init__(self, most: int = 10, period_s: float = 10.0) -> None:
         self._period_s: Final = period_s

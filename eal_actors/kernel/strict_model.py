@@ -153,11 +153,7 @@ NAMES_ONLY: Final[dict[str, Any]] = {"additionalProperties": False}
 
 
 def model_of(model: type[Model], tree: YamlTree) -> Model:
-    """Return the content of a file, or of a part of it, as a model.
-
-    Raises:
-        ConfigError: with every problem of the content.
-    """
+    """Return the content of a file, or of a part of it, as a model; ConfigError with every problem of the content."""
     try:
         return model.model_validate(tree.root)
     except ValidationError as error:

@@ -40,8 +40,7 @@ def raise_in(thread: threading.Thread, error: type[BaseException]) -> None:
 class Uninterrupted:
     """A block that no exception of `raise_in` interrupts. It may hold another such block. For short code alone.
 
-    Raises:
-        BaseException: what `raise_in` was given meanwhile, at the end of the outermost block.
+    The end of the outermost block raises the BaseException that `raise_in` was given meanwhile.
     """
 
     def __init__(self) -> None:

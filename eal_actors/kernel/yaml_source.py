@@ -40,18 +40,13 @@ LARGE: Final = Limits(8_000_000, 200_000, 128)
 def load_yaml(path: str | Path, *, environment: Mapping[str, str] | None = None, limits: Limits = USUAL) -> YamlTree:
     """Read a YAML file whose top level is a mapping; problems name it as it is given. See `parse_yaml`.
 
-    Raises:
-        ConfigError: with every problem of the file.
+    Raises ConfigError with every problem of the file.
     """
     return parse_yaml(read_file(path, limits), str(path), environment=environment, limits=limits)
 
 
 def read_file(path: str | Path, limits: Limits = USUAL) -> bytes:
-    """Return the content of a file, reading little more than the limits allow.
-
-    Raises:
-        ConfigError: it cannot be read.
-    """
+    """Return the content of a file, reading little more than the limits allow; ConfigError if it cannot be read."""
     name = str(path)
     try:
         with Path(path).open("rb") as stream:
@@ -79,8 +74,7 @@ def parse_yaml(
             environment. None leaves such text untouched.
         limits: the limits of the file.
 
-    Raises:
-        ConfigError: with every problem of the text.
+    Raises ConfigError with every problem of the text.
     """
     content = text if isinstance(text, bytes) else text.encode(errors="surrogatepass")
     if len(content) > limits.size:
@@ -101,8 +95,7 @@ def parse_yaml(
 def plain_value(text: str) -> str | int | float | bool | None:
     """Return the value of an unquoted YAML 1.2 scalar.
 
-    Raises:
-        ValueError: a number that no 64-bit integer or finite float can hold.
+    Raises ValueError for a number that no 64-bit integer or finite float can hold.
     """
     if text in _CONSTANTS:
         return _CONSTANTS[text]

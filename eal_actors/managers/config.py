@@ -34,10 +34,8 @@ class EALConfigManager:
     def load(cls, path: str | Path, *, environment: Mapping[str, str] | None = None) -> EALConfigManager:
         """Read a fleet file and what it refers to.
 
-        Without an environment, `${NAME}` in fleet files has the values of the process's environment.
-
-        Raises:
-            ConfigError: with every problem of all the files.
+        Without an environment, `${NAME}` in fleet files has the values of the process's environment. Raises ConfigError
+        with every problem of all the files.
         """
         return cls(load_fleet(path, os.environ if environment is None else environment))
 
@@ -58,17 +56,12 @@ class EALConfigManager:
             name: its name in problems, and the fleet's name if the content has none.
             environment: values of `${NAME}` in included files; the process's environment if None.
 
-        Raises:
-            ConfigError: with every problem of the content and of the files it refers to.
+        Raises ConfigError with every problem of the content and of the files it refers to.
         """
         return cls(fleet_of(content, name, os.environ if environment is None else environment))
 
     def robot(self, name: str) -> RobotConfig:
-        """Return a robot by name.
-
-        Raises:
-            RobotNotFoundError: the fleet has no robot of that name.
-        """
+        """Return a robot by name. Raises RobotNotFoundError if the fleet has no robot of that name."""
         self._require("robot", [name], self.fleet.robots)
         return self.fleet.robots[name]
 
@@ -84,8 +77,7 @@ class EALConfigManager:
             The robots that match everything that is given; all of them if nothing is. A type matches those that build
             on it too. May be empty if each of the names, tags and types exists, but not together.
 
-        Raises:
-            RobotNotFoundError: no robot of the fleet has one of the names, tags or types.
+        Raises RobotNotFoundError if no robot of the fleet has one of the names, tags or types.
         """
         chosen = list(self.fleet.robots.values())
         if names is not None:
@@ -126,8 +118,7 @@ def world_of(content: WorldModel | Mapping[str, object], *, name: str = "world")
         content: the content of a world file, or a model made in Python, which is checked as a whole.
         name: its name in problems.
 
-    Raises:
-        ConfigError: with every problem of the content.
+    Raises ConfigError with every problem of the content.
     """
     tree = tree_of({} if isinstance(content, WorldModel) else content, name)
     world = content if isinstance(content, WorldModel) else model_of(WorldModel, tree)

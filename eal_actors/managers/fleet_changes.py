@@ -31,8 +31,7 @@ class FleetChanges:
 def changes_between(before: FleetConfig, after: FleetConfig) -> FleetChanges:
     """Return the changes from one configuration of an open fleet to another.
 
-    Raises:
-        ConfigError: they change what all robots of the fleet share; each problem has its place in the new file.
+    Raises ConfigError if they change what all robots of the fleet share; each problem has its place in the new file.
     """
     why = "cannot change while the fleet is open; close the fleet and open it again"
     if fixed := _changed_for_all(before, after):

@@ -352,8 +352,7 @@ def _beside(mark: Mark, target: str) -> Path:
 def _find(mark: Mark, target: str, kind: Kind) -> Path:
     """Return the file that a path or a name refers to in the file in which it is written.
 
-    Raises:
-        FileNotFoundError: there is none; the message lists similar files.
+    Raises FileNotFoundError if there is none; the message lists similar files.
     """
     try:
         path = find_file(target, kind, Path(mark.file).parent)

@@ -164,8 +164,7 @@ class PluginManifest:
     def used(self) -> tuple[PluginManifest, ...]:
         """Return the plugins that it uses, directly or not, each after those that it uses itself.
 
-        Raises:
-            PluginError: one is missing, or they use one another in a circle.
+        Raises PluginError if one is missing, or they use one another in a circle.
         """
         found: dict[str, PluginManifest] = {}
         self._collect_used(found, ())
@@ -232,8 +231,7 @@ def _is_installed(module: str) -> bool:
 def read_manifest(folder: Path) -> PluginManifest:
     """Read the manifest in a plugin's folder; its neighbours and the bundled plugins are discovered with it.
 
-    Raises:
-        ConfigError: the problems of the file.
+    Raises ConfigError with the problems of the file.
     """
     manifest = PluginManifest(folder, _read_file(folder))
     others, _ = discover([folder.resolve().parent])
@@ -297,20 +295,12 @@ def _entry_points(_path: tuple[str, ...]) -> tuple[importlib.metadata.EntryPoint
 
 
 def simulating_plugin(plugin_dirs: Iterable[Path] = ()) -> PluginManifest:
-    """Return the plugin that simulates robots; of several, the bundled one.
-
-    Raises:
-        PluginError: there is none.
-    """
+    """Return the plugin that simulates robots; of several, the bundled one. Raises PluginError if there is none."""
     return _declaring(plugin_dirs, lambda file: file.simulation is not None, "simulates robots (simulation)")
 
 
 def replaying_plugin(plugin_dirs: Iterable[Path] = ()) -> PluginManifest:
-    """Return the plugin that plays recorded robots; of several, the bundled one.
-
-    Raises:
-        PluginError: there is none.
-    """
+    """Return the plugin that plays recorded robots; of several, the bundled one; PluginError if there is none."""
     return _declaring(plugin_dirs, lambda file: file.replays, "plays recorded robots (replays)")
 
 

@@ -17,8 +17,7 @@ def tree_of(content: Mapping[str, object], name: str) -> YamlTree:
             keys. Tuples become lists, and paths become text.
         name: its name in problems. It has no lines; paths in it are relative to the working directory.
 
-    Raises:
-        ConfigError: with every value that YAML cannot hold.
+    Raises ConfigError with every value that YAML cannot hold.
     """
     copier = _Copier(Mark(name, 0, 0))
     root = copier.mapping(content, ())

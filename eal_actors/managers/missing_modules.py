@@ -14,8 +14,7 @@ from eal_actors.managers.manifest import discover
 def needs_extra(extra: str, what: str) -> Iterator[None]:
     """Turn a failed import into the advice to install our extra, after a beginning such as `metrics need`.
 
-    Raises:
-        UnsupportedError: the package is not installed, or cannot be loaded.
+    Raises UnsupportedError if the package is not installed, or cannot be loaded.
     """
     try:
         yield

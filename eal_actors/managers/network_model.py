@@ -45,8 +45,7 @@ class Endpoint:
 def parse_endpoint(text: str) -> Endpoint:
     """Parse an endpoint such as `tls/robot.local:50000` or `tcp/[::1]:50000`.
 
-    Raises:
-        ValueError: it is no endpoint; the message explains it.
+    Raises ValueError if it is no endpoint; the message explains it.
     """
     protocol, slash, place = text.partition("/")
     if not slash:
@@ -98,8 +97,7 @@ def _check_endpoint(text: str) -> str:
 def check_address(text: str) -> str:
     """Return a robot's address if a controller can connect to it; `{n}` is a placeholder for a number.
 
-    Raises:
-        ValueError: a controller cannot connect to it.
+    Raises ValueError if a controller cannot connect to it.
     """
     if text == BEHIND_ROUTER:
         return text

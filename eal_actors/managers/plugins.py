@@ -42,12 +42,9 @@ _import_lock = threading.RLock()
 def import_plugin(manifest: PluginManifest) -> ModuleType:
     """Import a plugin's `plugin.py` in a package of its own, so that it can import its neighbours.
 
-    The packages of the plugins that it uses are beside its own, so that it can import from them too.
-
-    Raises:
-        PluginError: a module that it requires or a plugin that it uses is missing, or its code raised.
-
-    Thread: any; one import at a time.
+    The packages of the plugins that it uses are beside its own, so that it can import from them too. Raises PluginError
+    if a module that it requires or a plugin that it uses is missing, or its code raised. Thread: any; one import at a
+    time.
     """
     used = manifest.used()
     for plugin in (manifest, *used):
@@ -116,8 +113,7 @@ class ConnectedPlugins(OpenPlugins):
     def close(self) -> None:
         """Disconnect every plugin; one that fails does not stop the others.
 
-        Raises:
-            PluginError: which plugins failed, and how.
+        Raises PluginError, which names the plugins that failed, and how.
         """
         failed = []
         for name, module, plugin in reversed(self._connected):
@@ -167,9 +163,7 @@ class EALPluginManager:
         """Connect a robot's plugins. One that fails leaves an error, and the others connect.
 
         Resources of the same name in two plugins are both renamed to `<instance>.<Resource>`, whatever the order in
-        which they are found.
-
-        Thread: the robot's actor; a plugin may block.
+        which they are found. Thread: the robot's actor; a plugin may block.
         """
         errors: list[EALError] = []
         connected: list[tuple[str, ModuleType, EALPlugin]] = []
@@ -219,8 +213,7 @@ class EALPluginManager:
     def open_port(self, context: PluginContext, url: str, model: str, emulate: Callable[[Any], Any]) -> BytePort:
         """Open a simulated port of the plugin that the URL's scheme names; see PluginContext.simulated_port.
 
-        Raises:
-            PluginError: there is no such plugin, it makes no ports, or it refuses.
+        Raises PluginError if there is no such plugin, it makes no ports, or it refuses.
         """
         port: BytePort = self._simulator(url, "open_port")(context, url, model, emulate)
         return port
@@ -228,8 +221,7 @@ class EALPluginManager:
     def open_camera(self, context: PluginContext, url: str) -> Any:
         """Open a simulated camera of the plugin that the URL's scheme names; see PluginContext.simulated_camera.
 
-        Raises:
-            PluginError: there is no such plugin, it makes no cameras, or it refuses.
+        Raises PluginError if there is no such plugin, it makes no cameras, or it refuses.
         """
         return self._simulator(url, "open_camera")(context, url)
 

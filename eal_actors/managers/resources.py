@@ -47,11 +47,7 @@ class EALResourceManager(Generic[T]):
         return list(self._resources)
 
     def find(self, name: str) -> int:
-        """Return the id of a resource.
-
-        Raises:
-            ResourceNotFoundError: there is none of that name.
-        """
+        """Return the id of a resource. Raises ResourceNotFoundError if there is none of that name."""
         with self._lock:
             if name not in self._resources:
                 raise ResourceNotFoundError(unknown_name("resource", name, self._resources))
@@ -66,11 +62,7 @@ class EALResourceManager(Generic[T]):
             self._lent.append((name, lent))
 
     def check_in(self, lent: object) -> None:
-        """Return one checked-out object (Source: thesis B.2.4.2).
-
-        Raises:
-            ResourceInUseError: it is not checked out.
-        """
+        """Return one checked-out object (Source: thesis B.2.4.2); ResourceInUseError if it is not checked out."""
         with self._lock:
             for entry in self._lent:
                 if entry[1] is lent:

@@ -37,10 +37,7 @@ Finish = Callable[[str], None]
 class AuditLog:
     """Records commands between `start` and `close`. With no folder, it records nothing.
 
-    Raises:
-        ConfigError: the file cannot be written.
-
-    Thread: any; never blocks.
+    Raises ConfigError if the file cannot be written. Thread: any; never blocks.
     """
 
     def __init__(self, folder: Path | None) -> None:
@@ -105,8 +102,7 @@ class _PrivateFile(RotatingFileHandler):
 def read_audit(folder: Path) -> list[dict[str, Any]]:
     """Return the commands in the audit log of a folder, the oldest first; `outcome` is None without an end.
 
-    Raises:
-        ConfigError: there is no audit log, or it cannot be read.
+    Raises ConfigError if there is no audit log, or it cannot be read.
     """
     newest = folder / AUDIT_FILE
     files = [newest.with_name(f"{AUDIT_FILE}.{number}") for number in range(_OLDER_FILES, 0, -1)]

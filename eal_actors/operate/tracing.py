@@ -41,8 +41,7 @@ _KINDS: Final[dict[spans.Kind, trace.SpanKind]] = {"internal": trace.SpanKind.IN
 def exporter_to(where: str) -> SpanExporter:
     """Return the exporter to stderr (CONSOLE), to a collector at a URL by HTTP, or to that of the variables (OTLP).
 
-    Raises:
-        ArgumentError: `where` is none of these.
+    Raises ArgumentError if `where` is none of these.
     """
     if where == CONSOLE:
         return ConsoleSpanExporter(out=sys.stderr)
@@ -64,10 +63,8 @@ class Tracing(spans.Tracer):
         exporter: the exporter, or its name; see exporter_to. Its queue is bounded: when it is full, spans are dropped.
         service: the name of this process, unless the environment sets one.
 
-    Thread: any; blocks only at the end, until the collector has the rest or _CLOSE_S are over.
-
-    Raises:
-        ArgumentError: see exporter_to.
+    Thread: any; blocks only at the end, until the collector has the rest or _CLOSE_S are over. Raises ArgumentError as
+    exporter_to does.
     """
 
     def __init__(self, exporter: SpanExporter | str, service: str) -> None:

@@ -10,11 +10,7 @@ from eal_actors.kernel.errors import ArgumentError
 
 
 def json_object(text: str, wanted: str) -> dict[str, Any]:
-    """Return the fields of a JSON object.
-
-    Raises:
-        ArgumentError: the text is none; the message begins with `wanted`.
-    """
+    """Return the fields of a JSON object; ArgumentError if the text is none; the message begins with `wanted`."""
     try:
         found = json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -27,8 +23,7 @@ def json_object(text: str, wanted: str) -> dict[str, Any]:
 def finite_json(text: str | bytes) -> Any:
     """Return the value of standard JSON, whose numbers are finite.
 
-    Raises:
-        ValueError: the text is none, or is nested too deeply.
+    Raises ValueError if the text is none, or is nested too deeply.
     """
     try:
         return json.loads(text, parse_constant=_refuse, parse_float=_finite)

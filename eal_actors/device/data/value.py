@@ -75,10 +75,7 @@ class EALData:
         frame_id: name of the coordinate frame the value is given in.
         stamp_s: the time of the value, in seconds of the fleet's clock.
 
-    Raises:
-        DataError: the modifiers contradict each other, or the value or length does not fit the type.
-
-    Thread: any.
+    Raises DataError if the modifiers contradict each other, or the value or length does not fit the type. Thread: any.
     Source: thesis B.1.2; unlike there, modifiers cannot be set afterwards, because other threads read the same object.
     """
 
@@ -115,8 +112,7 @@ class EALData:
             frame_id: likewise.
             stamp_s: likewise.
 
-        Raises:
-            DataError: no type fits the value.
+        Raises DataError if no type fits the value.
         """
         kind, self = type(value), cls.__new__(cls)
         if kind is float:
@@ -155,11 +151,8 @@ class EALData:
         """Rebuild an EALData from its bytes, from a network or a record.
 
         Takes the arguments of the constructor; `payload` holds contiguous little-endian bytes. A numpy array has a
-        `shape`, row-major, and a `dtype` such as `<f4`; numpy itself is needed only to read its `value`. Arrays stay
-        in the buffer, which must not change afterwards.
-
-        Raises:
-            DataError: the bytes are no value of that type and shape.
+        `shape`, row-major, and a `dtype` such as `<f4`; numpy itself is needed only to read its `value`. Arrays stay in
+        the buffer, which must not change afterwards. Raises DataError if the bytes are no value of that type and shape.
         """
         c_type = find_c_type(type, is_ptr, is_unsigned, is_short, is_long)
         return cls.from_c_type(c_type, payload, shape, dtype, unit=unit, frame_id=frame_id, stamp_s=stamp_s)
@@ -195,8 +188,7 @@ class EALData:
     ) -> EALData:
         """Return the same value with another unit, frame or time; None keeps the present one.
 
-        Raises:
-            DataError: see EALData.
+        Raises DataError as EALData does.
         """
         if unit is None and frame_id is None and stamp_s is None:
             return self
@@ -291,11 +283,9 @@ class EALData:
     def value(self) -> Any:
         """The Python value.
 
-        int, float or bool; str for char and text; bytes for VOID; a new list for an array of numbers; a read-only
-        numpy array, not copied, for a numpy array; None for an empty VOID.
-
-        Raises:
-            DataError: a numpy array came over the network and numpy is not installed; `payload` serves without.
+        int, float or bool; str for char and text; bytes for VOID; a new list for an array of numbers; a read-only numpy
+        array, not copied, for a numpy array; None for an empty VOID. Raises DataError if a numpy array came over the
+        network and numpy is not installed; `payload` serves without.
         """
         if self._value is not None or not self._c_type.is_ptr:
             return self._value

@@ -45,10 +45,7 @@ def _nothing() -> None:
 
 
 class Localizer:
-    """The pose estimate of one robot, by the odometry of one driver.
-
-    Thread: any; nothing blocks.
-    """
+    """The pose estimate of one robot, by the odometry of one driver. Thread: any; nothing blocks."""
 
     def __init__(self, robot: str = "") -> None:
         self.robot: Final = robot

@@ -73,8 +73,7 @@ class PoseEstimate:
     def of_numbers(cls, numbers: Sequence[float], stamp_s: float) -> Self:
         """Return the estimate in twelve numbers: x, y, yaw and the covariance row by row.
 
-        Raises:
-            ArgumentError: they are no pose with a covariance.
+        Raises ArgumentError if they are no pose with a covariance.
         """
         if len(numbers) != _LENGTH:
             raise ArgumentError(f"a pose with its covariance has {_LENGTH} numbers, not {len(numbers)}")

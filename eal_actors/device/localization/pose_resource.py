@@ -47,11 +47,7 @@ class PoseResource(Resource):
         return self.get_value()
 
     def set_value(self, data: EALData) -> None:
-        """Set the estimate: the robot is there now.
-
-        Raises:
-            ArgumentError: a number is not finite.
-        """
+        """Set the estimate: the robot is there now. Raises ArgumentError if a number is not finite."""
         self._localizer.place(*finite_pose(data))
 
     @override
@@ -61,8 +57,7 @@ class PoseResource(Resource):
         Returns:
             1 if the fix is applied, or waits for the odometry of its time; 0 if it is refused.
 
-        Raises:
-            ArgumentError: no such command, or no pose with a covariance and a time.
+        Raises ArgumentError if there is no such command, or the data are no pose with a covariance and a time.
         """
         self.info().parse_command(cmd, data)
         if data is None or data.stamp_s is None:
@@ -85,8 +80,7 @@ class PoseResource(Resource):
 def finite_pose(data: EALData) -> tuple[float, float, float]:
     """Return the pose [x_m, y_m, yaw_rad] in a value.
 
-    Raises:
-        ArgumentError: a number is not finite, or the place is over 1,000 km away.
+    Raises ArgumentError if a number is not finite, or the place is over 1,000 km away.
     """
     x_m, y_m, yaw_rad = (float(number) for number in data.value)
     if not is_plausible(x_m, y_m, yaw_rad):

@@ -78,8 +78,7 @@ class ProgressWatch:
     def update(self, left_m: float, turn_left_rad: float | None, now_s: float) -> float:
         """Return the time for which the robot has not come nearer; `turn_left_rad` is None while it drives.
 
-        Raises:
-            LocalizationError: the pose has jumped too often.
+        Raises LocalizationError if the pose has jumped too often.
         """
         if left_m > self._last_m + _JUMP_M:
             self._jumps += 1
@@ -233,8 +232,7 @@ class ClosedLoop:
     def _pose(self, estimate: PoseEstimate, now_s: float) -> PlanarPose:
         """Return the pose now: the estimate, and what the last twist has added since.
 
-        Raises:
-            LocalizationError: the pose is too uncertain, and not at the goal.
+        Raises LocalizationError if the pose is too uncertain, and not at the goal.
         """
         age_s = min(max(now_s - estimate.stamp_s, 0.0), _STALE_S)
         x_m, y_m, yaw_rad = estimate.x_m, estimate.y_m, estimate.yaw_rad

@@ -88,8 +88,7 @@ class MapMotions(Resource, ABC):
     def goal_numbers(goal: Any) -> list[float]:
         """Return the two or three numbers of a goal.
 
-        Raises:
-            ArgumentError: the goal is no [x_m, y_m] or [x_m, y_m, yaw_rad] of finite numbers.
+        Raises ArgumentError if the goal is no [x_m, y_m] or [x_m, y_m, yaw_rad] of finite numbers.
         """
         numbers = [float(number) for number in goal]
         if len(numbers) not in (2, 3) or not all(map(math.isfinite, numbers)):
@@ -108,11 +107,7 @@ class MapMotions(Resource, ABC):
 
     @staticmethod
     def path_points(path: Any) -> list[Point]:
-        """Return the waypoints of a path.
-
-        Raises:
-            ArgumentError: there are none or too many, or a number is not finite.
-        """
+        """Return the waypoints of a path; ArgumentError if there are none or too many, or a number is not finite."""
         count = len(path) // 2 if isinstance(path, list | tuple) else len(path)
         if count > MAX_WAYPOINTS:
             raise ArgumentError(f"follow takes at most {MAX_WAYPOINTS:,} waypoints, not {count:,}")

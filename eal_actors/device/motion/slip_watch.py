@@ -34,8 +34,7 @@ class SlipWatch:
             travelled_m: the travel by the encoders since any place, the same for all readings.
             is_held: whether the wheels are driven, but something holds the robot.
 
-        Raises:
-            BlockedError: the wheels have travelled too far while it was held.
+        Raises BlockedError if the wheels have travelled too far while it was held.
         """
         if read_s <= self._read_s:
             return

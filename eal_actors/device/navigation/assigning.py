@@ -16,10 +16,7 @@ def assign_places(starts: Sequence[Point], places: Sequence[Point]) -> list[int]
     """Return for each start the number of its place, minimising the sum of squared distances.
 
     Squares, because then no two robots swap sides: `(s_i - s_j) · (p_i - p_j) >= 0` for all i, j; and no robot's path
-    lies completely on another's.
-
-    Raises:
-        ArgumentError: the numbers of places and robots differ.
+    lies completely on another's. Raises ArgumentError if the numbers of places and robots differ.
     """
     if len(starts) != len(places):
         raise ArgumentError(f"{len(starts)} robots need as many places, not {len(places)}")

@@ -54,8 +54,7 @@ class OccupancyGrid:
         resolution_m: length of a cell's side.
         origin: the corner of the first cell.
 
-    Raises:
-        ArgumentError: the grid is empty or too large, or a number is not finite.
+    Raises ArgumentError if the grid is empty or too large, or a number is not finite.
     """
 
     cells: NDArray[np.int8]
@@ -77,12 +76,9 @@ class OccupancyGrid:
     def inflated(self, radius_m: float) -> OccupancyGrid:
         """Return the grid for the centre of a round robot: cells that are too near to a blocked one are INFLATED.
 
-        What lies outside the grid is blocked. See the invariant at the head of this module. On a grid of cells as
-        large as the robot no cell beside an obstacle remains free: inflate a fine grid, and ask it with `is_line_free`
-        for the points of a coarse one.
-
-        Raises:
-            ArgumentError: the radius is negative or not finite.
+        What lies outside the grid is blocked. See the invariant at the head of this module. On a grid of cells as large
+        as the robot no cell beside an obstacle remains free: inflate a fine grid, and ask it with `is_line_free` for
+        the points of a coarse one. Raises ArgumentError if the radius is negative or not finite.
         """
         if not (radius_m >= 0 and math.isfinite(radius_m)):
             raise ArgumentError(f"the radius of a robot must be 0 m or more, not {radius_m!r}")
@@ -172,11 +168,7 @@ class OccupancyGrid:
 
 
 def check_size(rows: int, columns: int) -> None:
-    """Refuse a grid that is empty or too large.
-
-    Raises:
-        ArgumentError: it has no cell, or more than MAX_CELLS.
-    """
+    """Refuse a grid that is empty or too large. Raises ArgumentError if it has no cell, or more than MAX_CELLS."""
     if rows < 1 or columns < 1:
         raise ArgumentError("a grid needs at least one cell")
     if rows * columns > MAX_CELLS:

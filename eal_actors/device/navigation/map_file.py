@@ -90,8 +90,7 @@ def load_map(path: str | Path) -> OccupancyGrid:
 def save_map(grid: OccupancyGrid, path: Path) -> tuple[Path, Path]:
     """Write a trinary map file, and a PGM picture of the same name, for Nav2 and map_server; return both.
 
-    Raises:
-        OSError: they cannot be written.
+    Raises OSError if they cannot be written.
     """
     shades = np.full(grid.cells.shape, _FREE_SHADE, np.uint8)
     shades[grid.blocked] = 0

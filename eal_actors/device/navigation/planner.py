@@ -59,11 +59,8 @@ def plan_path(grid: OccupancyGrid, start: Point, goal: Point, *, most_cells: int
 
     A start that is too near to an obstacle, as where a robot stands at a wall, is left by the shortest free line.
     `grid` is inflated by the robot's radius; both ends are x and y in the map frame in metres. The search enters
-    `most_cells` at most.
-
-    Raises:
-        NoPathError: the start or the goal is outside the map, in an obstacle or in unknown floor; the goal is too near
-            to an obstacle; nothing leads from one to the other; or the search reached `most_cells`.
+    `most_cells` at most. Raises NoPathError if the start or the goal is outside the map, in an obstacle or in unknown
+    floor; the goal is too near to an obstacle; nothing leads from one to the other; or the search reached `most_cells`.
     """
     start, goal = (float(start[0]), float(start[1])), (float(goal[0]), float(goal[1]))
     start_cell, goal_cell = _cell_of(grid, start, "start"), _cell_of(grid, goal, "goal")

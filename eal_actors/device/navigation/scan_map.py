@@ -25,13 +25,7 @@ _MARGIN: Final = 40
 
 
 class ScanMap:
-    """A map that grows by scans.
-
-    Raises:
-        ArgumentError: the length is not positive.
-
-    Thread: one at a time.
-    """
+    """A map that grows by scans. Raises ArgumentError if the length is not positive. Thread: one at a time."""
 
     def __init__(self, resolution_m: float = RESOLUTION_M) -> None:
         if not (0 < resolution_m < math.inf):
@@ -56,9 +50,8 @@ class ScanMap:
             angles_rad: the angles of its rays from straight ahead, counter-clockwise, shape (n,).
             max_range_m: greatest range of the sensor; a ray that reaches this far met nothing.
 
-        Raises:
-            ArgumentError: the shapes differ, the pose or the greatest range is not finite, or the map would be too
-                large.
+        Raises ArgumentError if the shapes differ, the pose or the greatest range is not finite, or the map would be too
+        large.
         """
         ranges, angles = np.asarray(ranges_m, np.float64), np.asarray(angles_rad, np.float64)
         if ranges.shape != angles.shape or ranges.ndim != 1 or not np.isfinite((*pose, max_range_m)).all():
@@ -108,11 +101,7 @@ class ScanMap:
         self._low = low
 
     def grid(self) -> OccupancyGrid:
-        """Return the map so far; floor that no ray has met is unknown.
-
-        Raises:
-            ArgumentError: there is no scan yet.
-        """
+        """Return the map so far; floor that no ray has met is unknown. Raises ArgumentError if there is no scan yet."""
         if not self._is_seen.any():
             raise ArgumentError("a map of scans has no scan yet")
         low, high = (np.array([end(part) for part in np.nonzero(self._is_seen)]) for end in (np.min, np.max))

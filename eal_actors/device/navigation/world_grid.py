@@ -21,8 +21,7 @@ _TOUCHING_M: Final = 1e-9
 def grid_from_world(world: WorldModel, resolution_m: float = RESOLUTION_M) -> OccupancyGrid:
     """Return the occupancy grid of a world: walls, obstacles, boxes where they start, beacons, drops, keep-out zones.
 
-    Raises:
-        ArgumentError: the resolution is not positive, or gives too many cells.
+    Raises ArgumentError if the resolution is not positive, or gives too many cells.
     """
     if not (resolution_m > 0 and math.isfinite(resolution_m)):
         raise ArgumentError(f"the resolution of a grid must be over 0 m, not {resolution_m!r}")

@@ -247,8 +247,7 @@ def _misplaced_cameras(world: WorldModel) -> Iterator[WorldProblem]:
 def load_world(path: str | Path) -> WorldModel:
     """Load a world file, or a bundled one such as `lab`. It is the same on every machine: no environment counts.
 
-    Raises:
-        ConfigError: with every problem of the file.
+    Raises ConfigError with every problem of the file.
     """
     tree = load_yaml(find_file(path, "world"))
     world = model_of(WorldModel, tree)

@@ -353,8 +353,7 @@ class WorldModel(StrictModel):
     def place(self, name: str) -> NamedPlace:
         """Return a place by its name.
 
-        Raises:
-            PlaceNotFoundError: there is none of that name; the message has the nearest name and all names.
+        Raises PlaceNotFoundError if there is none of that name; the message has the nearest name and all names.
         """
         if name in self.places:
             return self.places[name]

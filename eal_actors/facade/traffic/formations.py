@@ -20,10 +20,8 @@ def formation_goals(
 ) -> dict[str, tuple[float, float, float]]:
     """Return the place of each robot in a shape, so that they drive little: x_m, y_m and yaw_deg.
 
-    The robots start at `starts`, by name, in the map frame. `centre` is x_m, y_m and yaw_deg of the shape.
-
-    Raises:
-        ArgumentError: there is no such shape, or a number is out of its range.
+    The robots start at `starts`, by name, in the map frame. `centre` is x_m, y_m and yaw_deg of the shape. Raises
+    ArgumentError if there is no such shape, or a number is out of its range.
     """
     x_m, y_m, yaw_deg = centre
     wanted = {"shape": shape, "count": len(starts), "spacing_m": spacing_m, "x_m": x_m, "y_m": y_m, "yaw_deg": yaw_deg}

@@ -46,9 +46,7 @@ class RobotPositions:
         """Ask all robots; return the errors of those that travel and whose pose is unknown.
 
         Of others that do not answer, the last known place counts. A robot that has just started and does not know where
-        it is waits for its first fix.
-
-        Thread: blocks the caller for some seconds of the clock at most.
+        it is waits for its first fix. Thread: blocks the caller for some seconds of the clock at most.
         """
         timeout_s = clock.of_real(_READ_TIMEOUT_S)
         robots = {name: robot for name, robot in self._robots.items() if "Base" in robot and "Pose" in robot}

@@ -95,10 +95,7 @@ class TravellingRobots:
             places: as for `go_to`.
             timeout_s: seconds of the fleet's clock to each place.
 
-        Raises:
-            EALError: as for `go_to`.
-
-        Thread: any; blocks the caller.
+        Raises EALError as for `go_to`. Thread: any; blocks the caller.
         """
         for place in places:
             self.go_to({robot: place}, timeout_s=timeout_s).get()
@@ -174,11 +171,7 @@ class TravellingRobots:
 
 
 def goal_of(place: Sequence[float], what: str) -> TripGoal:
-    """Return the goal at a position, perhaps with a heading.
-
-    Raises:
-        ArgumentError: it is not two or three finite numbers.
-    """
+    """Return the goal at a position, perhaps with a heading; ArgumentError if it is not two or three finite numbers."""
     try:
         numbers = [float(number) for number in place]
     except (TypeError, ValueError):

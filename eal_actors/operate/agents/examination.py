@@ -34,8 +34,7 @@ _MAX_LINES: Final = 2000
 def read_plan(text: str, parameters: Mapping[str, object]) -> Scenario:
     """Return the scenario of a plan.
 
-    Raises:
-        ConfigError: with its problems. A plan is one file: a person who approves it must see all of it.
+    Raises ConfigError with its problems. A plan is one file: a person who approves it must see all of it.
     """
     if any("\ud800" <= one <= "\udfff" for one in json.dumps(dict(parameters), ensure_ascii=False)):
         raise ConfigError([Problem(_FILE, 1, 1, "parameters", "one has half a character (a surrogate)")])

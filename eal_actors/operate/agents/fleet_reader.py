@@ -72,11 +72,7 @@ class FleetReader:
         return found
 
     def picture(self, name: str, resource: str) -> bytes:
-        """Return a camera's picture as JPEG.
-
-        Raises:
-            EALError: there is no such camera, or it does not answer.
-        """
+        """Return a camera's picture as JPEG. Raises EALError if there is no such camera, or it does not answer."""
         camera = self._fleet[name][resource]
         if not camera.info.is_camera:
             raise ArgumentError(f"{resource} of {name} takes no pictures")
@@ -90,11 +86,7 @@ class FleetReader:
         return [folder.name for folder in newest[:_MAX_RUNS]]
 
     def run(self, name: str) -> dict[str, Any]:
-        """Return the summary of a run.
-
-        Raises:
-            EALError: there is no such run, or it has not ended.
-        """
+        """Return the summary of a run. Raises EALError if there is no such run, or it has not ended."""
         summary = RunFolder.open(self._runs_dir / _checked(name)).summary
         if summary is None:
             raise ArgumentError(f"run {name} has no summary: it has not ended, or its controller crashed")
@@ -102,11 +94,7 @@ class FleetReader:
 
     @staticmethod
     def scenario(name: str) -> str:
-        """Return the text of a bundled scenario.
-
-        Raises:
-            ArgumentError: there is none of this name.
-        """
+        """Return the text of a bundled scenario. Raises ArgumentError if there is none of this name."""
         if name not in (known := bundled_names("scenario")):
             raise ArgumentError(f"no scenario {name!r}; there are {', '.join(known)}")
         return bundled_path(f"scenarios/{name}.yaml").read_text(encoding="utf-8")
@@ -118,11 +106,7 @@ class FleetReader:
 
     @staticmethod
     def page(name: str) -> str:
-        """Return a page of the documentation.
-
-        Raises:
-            ArgumentError: there is none of this name.
-        """
+        """Return a page of the documentation. Raises ArgumentError if there is none of this name."""
         if name not in _PAGES:
             raise ArgumentError(f"no page {name!r}; there are {', '.join(_PAGES)}")
         return bundled_path(f"docs/{name}.md").read_text(encoding="utf-8")

@@ -40,9 +40,8 @@ _WAITS_UNTIL_DONE: Final = 60.0
 class PlanGate:
     """Examines, keeps and runs the plans of agents on a connected fleet, one run at a time.
 
-    The rehearsals of a plan may take `rehearsal_limit_s` real seconds.
-
-    Thread: any. `examine`, `submit` and `start` block on files and a rehearsal.
+    The rehearsals of a plan may take `rehearsal_limit_s` real seconds. Thread: any. `examine`, `submit` and `start`
+    block on files and a rehearsal.
     """
 
     def __init__(
@@ -73,8 +72,7 @@ class PlanGate:
     def rehearse(self, text: str, parameters: Mapping[str, object]) -> RehearsalResult:
         """Check a plan, and rehearse it in simulation.
 
-        Raises:
-            EALError: as for `examine`, or the plan cannot be rehearsed.
+        Raises EALError as for `examine`, or if the plan cannot be rehearsed.
         """
         self.examine(text, parameters)
         return self._rehearser.rehearse(text, parameters)
@@ -82,8 +80,7 @@ class PlanGate:
     def submit(self, text: str, parameters: Mapping[str, object], agent: str) -> tuple[StoredPlan, list[Problem]]:
         """Examine, rehearse and keep a plan, which a policy may approve at once; return it, and why no rule allows it.
 
-        Raises:
-            EALError: as for `rehearse`; or the plan did not end well there, or too many plans wait.
+        Raises EALError as for `rehearse`, or if the plan did not end well there, or too many plans wait.
         """
         plan, lines = self.examine(text, parameters)
         rehearsal = self._rehearser.rehearse(text, parameters)

@@ -81,10 +81,9 @@ def plan_hash(text: str, parameters: Mapping[str, object], fleet: Mapping[str, o
 
 
 class PlanStore:
-    """The plans below one folder of runs. Thread: any; several processes may share the folder.
+    """The plans below one folder of runs; ScenarioError if the folder cannot be read or written.
 
-    Raises:
-        ScenarioError: the folder cannot be read or written.
+    Thread: any; several processes may share the folder.
     """
 
     def __init__(self, runs_dir: Path) -> None:
@@ -93,8 +92,7 @@ class PlanStore:
     def keep(self, plan: StoredPlan) -> None:
         """Keep a plan; one that was kept before with the same hash is replaced, and needs a new decision.
 
-        Raises:
-            BusyError: too many plans wait.
+        Raises BusyError if too many plans wait.
         """
         if sum(other.hash != plan.hash for other in self.waiting()) >= MAX_WAITING:
             raise BusyError(f"{MAX_WAITING} plans wait for a decision already; `eal approve` lists them")
@@ -119,8 +117,7 @@ class PlanStore:
     def find(self, text: str) -> StoredPlan:
         """Return the plan whose hash begins with a text of at least six characters.
 
-        Raises:
-            ArgumentError: no plan, or more than one.
+        Raises ArgumentError if no plan, or more than one, fits.
         """
         if not _HASH.fullmatch(text):
             raise ArgumentError(f"{text!r} is no hash of a plan: give at least its first six characters")
@@ -151,11 +148,7 @@ class PlanStore:
         return "approved" if wall_time() < decision.valid_until else "expired"
 
     def decide(self, plan: StoredPlan, who: str, *, is_approved: bool, valid_min: float = VALID_MIN) -> Decision:
-        """Record a decision.
-
-        Raises:
-            ScenarioError: the plan does not wait for one.
-        """
+        """Record a decision. Raises ScenarioError if the plan does not wait for one."""
         if (state := self.state(plan)) != "waiting":
             raise ScenarioError(f"plan {plan.hash[:12]} does not wait for a decision: it is {state}")
         now = wall_time()
@@ -168,8 +161,7 @@ class PlanStore:
     def use(self, plan: StoredPlan) -> Decision:
         """Mark an approved plan as used, once among all processes; return its approval.
 
-        Raises:
-            AccessDeniedError: it is not approved now, or was used.
+        Raises AccessDeniedError if it is not approved now, or was used.
         """
         decision, state = self.decision(plan), self.state(plan)
         if decision is None or state != "approved":

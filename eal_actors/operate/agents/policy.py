@@ -89,11 +89,7 @@ class Policy:
 
 
 def load_policy(path: Path) -> Policy:
-    """Read a policy file.
-
-    Raises:
-        ConfigError: with every problem of the file.
-    """
+    """Read a policy file. Raises ConfigError with every problem of the file."""
     return Policy(model_of(PolicyFile, load_yaml(path)).rules)
 
 

@@ -91,10 +91,8 @@ class Access:
     def visitor(self, shown: str | None) -> Visitor:
         """Return the holder of a token, or None.
 
-        Raises:
-            AccessDeniedError: there are operators, and the token is of none of them.
-
-        Thread: blocks for one hash if there are operators.
+        Raises AccessDeniedError if there are operators, and the token is of none of them. Thread: blocks for one hash
+        if there are operators.
         """
         if self.asks_for_names:
             return self._operator(shown)

@@ -62,8 +62,7 @@ class Cameras:
     def watch(self, browser: object, keys: Iterable[CameraKey], rate_hz: float) -> None:
         """Choose the cameras of a browser, in place of its previous ones.
 
-        Raises:
-            ArgumentError: no such robot or resource, or too many cameras.
+        Raises ArgumentError if there is no such robot or resource, or too many cameras are watched.
         """
         wanted = frozenset(keys)
         for robot, resource in wanted:

@@ -36,10 +36,8 @@ class _Use:
 class ControlRegistry:
     """Counts the current commands of each resource, by browser or scenario.
 
-    Callers `acquire` a resource before a command and call `done` at its end. So a release cannot overtake a command:
-    it is sent before the command, or not at all.
-
-    Thread: any; never blocks.
+    Callers `acquire` a resource before a command and call `done` at its end. So a release cannot overtake a command: it
+    is sent before the command, or not at all. Thread: any; never blocks.
     """
 
     def __init__(self, clock: Clock = REAL_TIME) -> None:

@@ -207,11 +207,7 @@ _ADAPTER: TypeAdapter[Any] = TypeAdapter(Message)
 
 
 def parse_message(text: str) -> Any:
-    """Return the message in a browser's text.
-
-    Raises:
-        ArgumentError: the text is no valid message.
-    """
+    """Return the message in a browser's text. Raises ArgumentError if the text is no valid message."""
     try:
         return _ADAPTER.validate_json(text)
     except ValidationError as error:

@@ -55,9 +55,8 @@ _STOP_CODES: Final = (PreemptedError.code, StoppedError.code)
 class RunManager:
     """Runs the scenarios of one folder, one at a time, and reports them to the store.
 
-    Scenarios are files right in `folder`. With `runs_dir` None, runs leave no records.
-
-    Thread: any. `list_scenarios` and `start` block on files.
+    Scenarios are files right in `folder`. With `runs_dir` None, runs leave no records. Thread: any. `list_scenarios`
+    and `start` block on files.
     """
 
     def __init__(self, context: DashboardContext, folder: Path | None, runs_dir: Path | None) -> None:
@@ -155,11 +154,7 @@ class RunManager:
         return self._reports.get(name)
 
     def control(self, what: str) -> None:
-        """Pause, resume, step or abort the run.
-
-        Raises:
-            ScenarioError: no run is active.
-        """
+        """Pause, resume, step or abort the run. Raises ScenarioError if no run is active."""
         run = self._active_run()
         if run is None:
             raise ScenarioError("no scenario is running")

@@ -48,8 +48,7 @@ class Dashboard:
         tls: the certificate to serve HTTPS with, from `tls_context`; None serves HTTP.
         keys: the folder of that certificate, whose successor is used as soon as it is there; None watches none.
 
-    Raises:
-        ConfigError: it cannot listen at that address, or the audit log cannot be written.
+    Raises ConfigError if it cannot listen at that address, or the audit log cannot be written.
     """
 
     def __init__(
@@ -123,10 +122,7 @@ class Dashboard:
         return self.url if self.access.token is None else f"{self.url}#token={self.access.token}"
 
     def start(self) -> Self:
-        """Start to serve.
-
-        Raises:
-            UnavailableError: the web server did not start.
+        """Start to serve; UnavailableError if the web server did not start.
 
         Thread: blocks the caller until it serves.
         """

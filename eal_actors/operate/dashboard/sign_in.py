@@ -24,9 +24,7 @@ class SignIn:
     """Finds out who a visitor is.
 
     A token that was right once is known, and passes at once: an operator who reconnects in a hurry waits neither for a
-    hash nor for the end of somebody else's lockout.
-
-    Thread: any.
+    hash nor for the end of somebody else's lockout. Thread: any.
     """
 
     def __init__(self, access: Access, clock: Clock = REAL_TIME) -> None:
@@ -39,10 +37,8 @@ class SignIn:
     def visitor(self, shown: str | None, source: str) -> Visitor:
         """Return the holder of a token shown from a source, which counts as one address; or None.
 
-        Raises:
-            AccessDeniedError: the token is of no operator, or the address is kept out.
-
-        Thread: blocks for one hash if there are operators.
+        Raises AccessDeniedError if the token is of no operator, or the address is kept out. Thread: blocks for one hash
+        if there are operators.
         """
         if shown is None or self._access.is_open:
             return self._access.visitor(shown)

@@ -43,9 +43,8 @@ def to_json_value(value: Any) -> Any:
 class StateStore:
     """Cells, whose newest value counts, and topics of lines, of which each line counts.
 
-    `on_change` is called after each change, in the thread that made it, and must not block.
-
-    Thread: any; never blocks for longer than a copy of what changed.
+    `on_change` is called after each change, in the thread that made it, and must not block. Thread: any; never blocks
+    for longer than a copy of what changed.
     """
 
     def __init__(self, on_change: Callable[[], None] = lambda: None) -> None:

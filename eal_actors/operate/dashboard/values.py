@@ -66,8 +66,7 @@ class ValuePoller:
     def watch(self, browser: str, robot: str | None) -> None:
         """Choose the robot of a browser, in place of the previous one; its next values are sent in full.
 
-        Raises:
-            RobotNotFoundError: the fleet has no such robot.
+        Raises RobotNotFoundError if the fleet has no such robot.
         """
         if robot is not None and robot not in self._fleet:
             raise RobotNotFoundError(f"there is no robot {robot!r}")

@@ -40,8 +40,7 @@ _SEND_BUFFER_BYTES: Final = 256 * 1024
 def listen_at(host: str, port: int) -> socket.socket:
     """Return a socket that listens at an address of this machine; port 0 is any free port.
 
-    Raises:
-        ConfigError: the port is in use, or the address is not this machine's.
+    Raises ConfigError if the port is in use, or the address is not this machine's.
     """
     opened = None
     try:
@@ -62,8 +61,7 @@ def listen_at(host: str, port: int) -> socket.socket:
 def tls_context(certificate: Path, key: Path) -> ssl.SSLContext:
     """Return the context of an HTTPS server.
 
-    Raises:
-        ConfigError: the files are missing, or are no certificate and its key.
+    Raises ConfigError if the files are missing, or are no certificate and its key.
     """
     context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
@@ -199,13 +197,7 @@ class WebServer:
         self._thread = threading.Thread(target=self._serve, name="dashboard web server", daemon=True)
 
     def start(self) -> None:
-        """Start to serve.
-
-        Raises:
-            UnavailableError: the server did not start.
-
-        Thread: blocks the caller until it serves.
-        """
+        """Start to serve; UnavailableError if the server did not start. Thread: blocks the caller until it serves."""
         self._thread.start()
         if not self._server.is_up.wait(_START_S) or not self._server.started:
             self.close()

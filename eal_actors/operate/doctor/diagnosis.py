@@ -27,9 +27,8 @@ def diagnose_fleet(config: FleetConfig) -> Iterator[Diagnostic]:
     """Yield diagnostics of a fleet, from the view of this machine.
 
     Checks the plugins, devices and ports of robots that run here, by their addresses, and pings the others. No robot
-    moves. The only devices that are opened are cameras, whose capabilities are read.
-
-    Thread: blocks the caller, for some seconds if robots do not answer.
+    moves. The only devices that are opened are cameras, whose capabilities are read. Thread: blocks the caller, for
+    some seconds if robots do not answer.
     """
     watch = StepWatch()
     here = [robot for robot in config.robots.values() if is_here(robot)]

@@ -20,9 +20,8 @@ _PING_S: Final = 5.0
 def ping_robots(config: FleetConfig, names: Iterable[str]) -> tuple[dict[str, Ping], list[Diagnostic]]:
     """Ping robots; return their answers and the diagnostics.
 
-    No robot moves, and robots of this process are not started.
-
-    Thread: blocks the caller for some seconds if robots do not answer.
+    No robot moves, and robots of this process are not started. Thread: blocks the caller for some seconds if robots do
+    not answer.
     """
     wanted = list(names)
     answers: dict[str, Ping] = {}

@@ -62,8 +62,7 @@ class LiveView:
         port: the port; 0 for any free one.
         allow_control: whether viewers may drive robots and set configuration keys; see ViewerControl.
 
-    Raises:
-        UnavailableError: the port is in use.
+    Raises UnavailableError if the port is in use.
     """
 
     def __init__(self, fleet: Fleet, host: str = "127.0.0.1", port: int = 8765, *, allow_control: bool = False) -> None:

@@ -64,11 +64,7 @@ class HandDriver:
         self._heard_s = self._sent_s = 0.0
 
     def run(self, source: InputSource) -> None:
-        """Drive by the events of a device.
-
-        Raises:
-            UnavailableError: it was unplugged, or its stream has ended.
-        """
+        """Drive by the events of a device. Raises UnavailableError if it was unplugged, or its stream has ended."""
         sticks, reader = Sticks(source.ranges, self._settings.expo), EventReader()
         self._teleop.start()
         try:

@@ -33,8 +33,7 @@ class FleetMetrics:
         port: the port; 0 for any free port.
         dead_man_trips: halts because of a silent controller, by resource, of the one robot that is served.
 
-    Raises:
-        UnavailableError: the port is in use.
+    Raises UnavailableError if the port is in use.
     """
 
     def __init__(

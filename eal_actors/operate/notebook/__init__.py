@@ -31,9 +31,8 @@ STOP_REASON: Final = "STOP in a notebook"
 class FleetMap(anywidget.AnyWidget):
     """The live map of a connected fleet: walls, obstacles and robots, and a STOP button.
 
-    It follows the fleet between its construction and `close`, or the end of the fleet.
-
-    Thread: a thread of its own asks the robots, five times a second.
+    It follows the fleet between its construction and `close`, or the end of the fleet. Thread: a thread of its own asks
+    the robots, five times a second.
     """
 
     _esm = Path(__file__).with_name("fleet_map.js")

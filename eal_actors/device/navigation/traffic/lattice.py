@@ -21,8 +21,7 @@ _OFFSETS: Final = 6
 def lay_lattice(inflated: OccupancyGrid, pitch_m: float) -> tuple[list[Point], list[Edge]]:
     """Return the free places at a pitch, and the free ways between neighbours, for the centre of the largest robot.
 
-    Raises:
-        TrafficError: there would be too many places.
+    Raises TrafficError if there would be too many places.
     """
     low, high = inflated.corners.min(axis=0), inflated.corners.max(axis=0)
     counts = np.floor((high - low) / pitch_m).astype(int) + 1

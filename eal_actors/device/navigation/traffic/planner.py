@@ -70,9 +70,8 @@ def plan_traffic(
         standing: robots that stay, and obstacles that are on no map.
         seed: of choices between equal paths.
 
-    Raises:
-        TrafficError: a start or goal is not free, two goals are too near to each other, a goal cannot be reached,
-            there is no plan, or none was found within the bound of work. The message names the robots.
+    Raises TrafficError if a start or goal is not free, two goals are too near to each other, a goal cannot be reached,
+    there is no plan, or none was found within the bound of work. The message names the robots.
     """
     if len(travellers) > MAX_TRAVELLERS:
         raise TrafficError(f"traffic is planned for at most {MAX_TRAVELLERS} robots at once, not {len(travellers)}")
