@@ -57,8 +57,7 @@ class RobotSpec:
 
 HANG_GRACE_S: Final = 1.0
 """Fleet time that a call may run beyond its deadline before its resource counts as stuck."""
-_SECOND_LOOK_S: Final = 0.25
-"""Real time after which a resource that is late is looked at again before it is abandoned."""
+_SECOND_LOOK_S: Final = 0.25  # real time after which a resource that is late is looked at again before it is abandoned
 _ROUNDING_S: Final = 1e-6
 
 

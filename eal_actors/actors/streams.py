@@ -29,8 +29,7 @@ _TRANSIENT: Final = (UnavailableError, BusyError, DeadlineError)
 _POLL_TIMEOUT_S: Final = 30.0
 """Real seconds that a polled value may take. No caller waits for a single one, so a camera that is slow on a busy
 machine must not be restarted for being late, only a resource that hangs."""
-_LOST_S: Final = 2.0
-"""Seconds beyond a period after which a poll over a faulty link counts as lost."""
+_LOST_S: Final = 2.0  # seconds beyond a period after which a poll over a faulty link counts as lost
 
 
 class Stream(Iterator[EALData]):

@@ -72,8 +72,7 @@ _SETTINGS: Final[dict[str, dict[str, Any]]] = {
 }
 
 
-_UsageError: Final[Any] = typer.BadParameter.__mro__[1]
-"""Of the click that typer uses, which newer versions contain."""
+_UsageError: Final[Any] = typer.BadParameter.__mro__[1]  # of the click that typer uses, which newer versions contain
 
 
 class _Commands(Mapping[str, Any]):

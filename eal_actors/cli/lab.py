@@ -18,8 +18,7 @@ from eal_actors.cli.run import run_scenario
 
 _SCENARIOS: Final = (Path("square"), Path("dance"))
 _MOVE: Final = re.compile(r"([gbflr])(\d+(?:\.\d+)?)?")
-_GUIDED: Final = ("go_to", "visit", "follow", "formation")
-"""Kinds of steps that end by the estimated pose."""
+_GUIDED: Final = ("go_to", "visit", "follow", "formation")  # kinds of steps that end by the estimated pose
 _STEP_M: Final = 0.5  # default of g and b
 _TURN_DEG: Final = 90.0
 

@@ -28,8 +28,7 @@ if TYPE_CHECKING:
     from eal_actors.operate.agents import Decision, StoredPlan
 
 _RunsDirOption = Annotated[Path, typer.Option(help="The folder of runs, plans and the audit log.")]
-_TYPED: Final = 6
-"""Characters of the hash that a person types."""
+_TYPED: Final = 6  # characters of the hash that a person types
 
 
 def serve_agents(

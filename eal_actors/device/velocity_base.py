@@ -19,13 +19,10 @@ from eal_actors.device.resource import Activity
 from eal_actors.kernel.errors import ResourceFaultError, UnavailableError
 
 _PERIOD_S: Final = 0.05
-_STUCK_S: Final = 3.0
-"""Seconds of a motion without any progress by the odometry after which it is given up."""
+_STUCK_S: Final = 3.0  # seconds of a motion without any progress by the odometry after which it is given up
 _SETTLE_S: Final = 1.0
-_CREEP: Final = 0.1
-"""The least share of the usual speed, near the end of a motion."""
-_REPEATS: Final = 3
-"""Velocities of zero after a halt: one may be dropped at a full link."""
+_CREEP: Final = 0.1  # the least share of the usual speed, near the end of a motion
+_REPEATS: Final = 3  # velocities of zero after a halt: one may be dropped at a full link
 
 
 class OdometryReading(Protocol):

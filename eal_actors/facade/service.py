@@ -24,8 +24,7 @@ from eal_actors.wire.rpc.server.robot_server import RobotServer
 from eal_actors.wire.session import endpoints_of, robot_config
 from eal_actors.wire.session_keeper import SessionKeeper
 
-_CLOSE_S: Final = 1.5
-"""Real seconds for each step of closing."""
+_CLOSE_S: Final = 1.5  # real seconds for each step of closing
 
 
 class RobotService:

@@ -24,8 +24,7 @@ from typing_extensions import override
 from eal_actors.kernel.errors import CallCancelledError
 
 _MAIN_THREAD: Final = threading.main_thread().ident
-_SIGNAL_CHECK_S: Final = 0.2
-"""The main thread, which handles signals, interrupts its waits this often (real time)."""
+_SIGNAL_CHECK_S: Final = 0.2  # the main thread, which handles signals, interrupts its waits this often (real time)
 
 ROUNDING_S: Final = 1e-9
 """A timer is due this early: now + (time - now) is not always time."""

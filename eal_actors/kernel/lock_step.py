@@ -49,8 +49,7 @@ _IDLE_S: Final = 0.001
 """A thread that has the turn waits for something if it sleeps at this many checks in a row and uses less processor time
 than this in between (one that wakes up now and then to poll uses more). Other threads of the process that work
 meanwhile, or want a processor, may work for it, as those of OpenCV do: then it takes more checks."""
-_OTHERS_WORK: Final = 0.2
-"""The least share of the time that a working process uses."""
+_OTHERS_WORK: Final = 0.2  # the least share of the time that a working process uses
 
 _PATIENCE_S: Final = 30.0
 """Processor time that the process may use in one turn before time advances without the thread that has it."""
@@ -58,8 +57,7 @@ _PATIENCE_S: Final = 30.0
 _TURNS_AT_ONCE: Final = 100
 _TURNS_AT_ONCE_EACH: Final = 10
 """The most turns while time stands still: a constant, and more for each thread that waits."""
-_TICK_S: Final = 0.1
-"""The longest tick."""
+_TICK_S: Final = 0.1  # the longest tick
 
 
 class _Wait(Timer):
@@ -114,8 +112,7 @@ class LockStepClock(Clock):
         self._timed: TimerHeap[_Wait] = TimerHeap()
         self._watchdog: threading.Lock | None = None
 
-    _in_step: ClassVar[set[threading.Thread]] = set()
-    """The threads that wait for their turn, on any clock."""
+    _in_step: ClassVar[set[threading.Thread]] = set()  # the threads that wait for their turn, on any clock
 
     @override
     def now(self) -> float:

@@ -16,10 +16,8 @@ from types import TracebackType
 from typing import Final
 
 _LOCK: Final = threading.Lock()
-_INSIDE: Final[set[int]] = set()
-"""The threads in an uninterrupted block."""
-_DUE: Final[dict[int, type[BaseException]]] = {}
-"""The exceptions that those threads raise at the end of the block."""
+_INSIDE: Final[set[int]] = set()  # the threads in an uninterrupted block
+_DUE: Final[dict[int, type[BaseException]]] = {}  # the exceptions that those threads raise at the end of the block
 
 
 def raise_in(thread: threading.Thread, error: type[BaseException]) -> None:

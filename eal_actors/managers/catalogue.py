@@ -13,8 +13,7 @@ from eal_actors.managers.config import fleet_schema
 from eal_actors.managers.manifest import PluginManifest
 from eal_actors.managers.plugins import EALPluginManager, import_plugin
 
-_LATER: Final = {"type": "string", "pattern": r"\$\{|\{n\}"}
-"""A text that becomes another value when the file is read."""
+_LATER: Final = {"type": "string", "pattern": r"\$\{|\{n\}"}  # a text that becomes another value when the file is read
 
 
 def catalogue_schema(manager: EALPluginManager) -> dict[str, Any]:

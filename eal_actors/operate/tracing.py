@@ -32,8 +32,7 @@ CONSOLE: Final = "console"
 OTLP: Final = "otlp"
 """Spans to the endpoint in OTEL_EXPORTER_OTLP_ENDPOINT, by default http://localhost:4318."""
 _PATH: Final = "/v1/traces"
-_CLOSE_S: Final = 3.0
-"""Real seconds to wait for the collector at the end."""
+_CLOSE_S: Final = 3.0  # real seconds to wait for the collector at the end
 _W3C: Final = TraceContextTextMapPropagator()
 _KINDS: Final[dict[spans.Kind, trace.SpanKind]] = {"internal": trace.SpanKind.INTERNAL, "client": trace.SpanKind.CLIENT}
 

@@ -9,8 +9,7 @@ from typing import Final
 from eal_actors.device.data.c_types import CType, DataType
 
 _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
-_COLOURS: Final = {1: 0, 3: 2}
-"""The colour type of PNG by the number of channels: grey, RGB."""
+_COLOURS: Final = {1: 0, 3: 2}  # the colour type of PNG by the number of channels: grey, RGB
 _MAX_SIDE: Final = 16_384
 
 

@@ -12,8 +12,7 @@ Point: TypeAlias = tuple[float, float]
 
 _CORNER_RAD: Final = math.radians(30)
 """A sharper bend is a corner: the robot drives to it and turns in place, so that it never cuts it."""
-_SAME_M: Final = 1e-4
-"""Points that are nearer to the former one are left out, but for the last."""
+_SAME_M: Final = 1e-4  # points that are nearer to the former one are left out, but for the last
 _WINDOW_M: Final = 0.3
 """The robot is searched so far along the route, so that a route that crosses itself is driven in order."""
 

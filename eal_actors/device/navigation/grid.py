@@ -31,8 +31,7 @@ OCCUPIED_FROM: Final = 65
 """Cells of at least this many percent are occupied: the default of ROS's map_saver."""
 MAX_CELLS: Final = 16_000_000
 """200 x 200 m at 5 cm; a larger grid is refused before memory is."""
-_ROUNDING: Final = 1e-9
-"""In cells."""
+_ROUNDING: Final = 1e-9  # in cells
 
 Mask = NDArray[np.bool_]
 

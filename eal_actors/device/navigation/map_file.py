@@ -26,11 +26,9 @@ Shades = NDArray[np.float64]
 
 _FORMATS: Final = ("PPM", "PNG", "BMP", "JPEG")
 """The only decoders of Pillow that see the file: another one runs PostScript."""
-_BAND: Final = 2**19
-"""Pixels that are worked on at a time."""
+_BAND: Final = 2**19  # pixels that are worked on at a time
 _FREE_SHADE: Final = 254
-_UNKNOWN_SHADE: Final = 205
-"""The greys that map_saver writes; with `_FREE_THRESH`, 205 is unknown to every reader."""
+_UNKNOWN_SHADE: Final = 205  # the greys that map_saver writes; with `_FREE_THRESH`, 205 is unknown to every reader
 _FREE_THRESH: Final = 0.196
 _OCCUPIED_THRESH: Final = 0.65
 _MOST_PERCENT: Final = 100

@@ -24,16 +24,12 @@ from eal_actors.kernel.errors import NoPathError
 MOST_CELLS: Final = 500_000
 """Cells that a search enters at most: 35 x 35 m of free floor at 5 cm, in about three seconds."""
 _DIAGONAL: Final = math.sqrt(2)
-_PIECES: Final = 24
-"""Points that are added to a path before each pass of pulling it taut."""
+_PIECES: Final = 24  # points that are added to a path before each pass of pulling it taut
 _PASSES: Final = 4
-_BLIND: Final = 6
-"""So many points in a row that one does not see end its search for shortcuts."""
-_WAYS_OUT: Final = 200
-"""Cells that are tried to leave a start that is not free."""
+_BLIND: Final = 6  # so many points in a row that one does not see end its search for shortcuts
+_WAYS_OUT: Final = 200  # cells that are tried to leave a start that is not free
 _STRAIGHT: Final = 1e-9
-_GAIN: Final = 0.999
-"""A pass that shortens a path by less is the last one."""
+_GAIN: Final = 0.999  # a pass that shortens a path by less is the last one
 
 Point = tuple[float, float]
 _Cell = tuple[int, int]

@@ -20,8 +20,7 @@ from eal_actors.kernel.errors import ArgumentError
 _HIT: Final = math.log(0.7 / 0.3)
 _MISS: Final = math.log(0.4 / 0.6)
 _LIMITS: Final = (math.log(0.12 / 0.88), math.log(0.97 / 0.03))
-_MARGIN: Final = 40
-"""Cells by which the array grows beyond what a scan needs, so that it grows seldom."""
+_MARGIN: Final = 40  # cells by which the array grows beyond what a scan needs, so that it grows seldom
 
 
 class ScanMap:

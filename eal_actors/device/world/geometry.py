@@ -19,8 +19,7 @@ from eal_actors.device.world.model import (
 Rectangle: TypeAlias = BoxObstacle | MovableBox | Drop
 Disc: TypeAlias = CircleObstacle | Beacon
 
-_TOUCHING_M: Final = 1e-6
-"""Things that overlap by less than this merely touch."""
+_TOUCHING_M: Final = 1e-6  # things that overlap by less than this merely touch
 
 
 def corners(rectangle: Rectangle) -> list[tuple[float, float]]:

@@ -20,8 +20,7 @@ from eal_actors.facade.traffic.trips import Trip, TripGoal
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import BlockedError
 
-_AT_GOAL_M: Final = 0.05
-"""A robot farther from its goal was moved by somebody after its arrival: it need not return."""
+_AT_GOAL_M: Final = 0.05  # a robot farther from its goal was moved by somebody after its arrival: it need not return
 
 
 class Bystanders:

@@ -37,12 +37,10 @@ from eal_actors.kernel.log import get_logger
 
 MOST_OBSTACLES: Final = 3
 """A robot that meets one more obstacle on no map gives up."""
-_GATHER_S: Final = 0.02
-"""Requests of one moment, each by a thread of its own, are planned together."""
+_GATHER_S: Final = 0.02  # requests of one moment, each by a thread of its own, are planned together
 _OBSTACLE_RADIUS_M: Final = 0.2
 _OBSTACLE_GAP_M: Final = 0.05
-_OPEN_FLOOR_M: Final = 3.0
-"""Of a fleet without a map, the floor around its robots and goals counts as free so far."""
+_OPEN_FLOOR_M: Final = 3.0  # of a fleet without a map, the floor around its robots and goals counts as free so far
 
 
 class TrafficControl:

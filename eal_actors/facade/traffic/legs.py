@@ -12,17 +12,14 @@ from eal_actors.device.navigation.traffic.lattice import Point
 from eal_actors.device.navigation.traffic.planner import TrafficMove
 from eal_actors.facade.traffic.trips import Trip
 
-_PASSED_M: Final = 0.005
-"""A robot so near a place has left the one before: the margin between hulls allows for it."""
-_GAIN_M: Final = 0.02
-"""A blocked robot that has come so much nearer to the next place has not tried in vain."""
+_PASSED_M: Final = 0.005  # a robot so near a place has left the one before: the margin between hulls allows for it
+_GAIN_M: Final = 0.02  # a blocked robot that has come so much nearer to the next place has not tried in vain
 _LAST_MOVES: Final = 2
 """A robot that must stop for a new plan goes so many places further: it may be near the next one already."""
 _RETRY_S: Final = 1.0
 _CALL_S: Final = 20.0
 _CALL_S_PER_M: Final = 30.0
-_CALL_S_PER_MOVE: Final = 8.0
-"""The deadline of a command: a turn and a drive at a tenth of the usual speed."""
+_CALL_S_PER_MOVE: Final = 8.0  # the deadline of a command: a turn and a drive at a tenth of the usual speed
 
 
 class Leg:

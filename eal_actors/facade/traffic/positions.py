@@ -17,11 +17,9 @@ from eal_actors.kernel.log import get_logger
 DEFAULT_RADIUS_M: Final = 0.2
 """Of a robot whose base does not tell its own."""
 _READ_TIMEOUT_S: Final = 3.0
-_LOST_M: Final = 3.0
-"""A robot with a greater standard deviation of its position has had no fix yet."""
+_LOST_M: Final = 3.0  # a robot with a greater standard deviation of its position has had no fix yet
 _FIRST_FIX_S: Final = 10.0
-_READY_S: Final = 3.0
-"""A base on a busy computer or a slow wire may be silent for so long."""
+_READY_S: Final = 3.0  # a base on a busy computer or a slow wire may be silent for so long
 _FIRST_FIX_LOOK_S: Final = 0.2
 _LOST: Final = (
     f"its place is unknown: no fix came within {_FIRST_FIX_S:g} s; bring it into view of its tracker, or set its Pose"

@@ -18,8 +18,7 @@ from eal_actors.operate.dashboard.values import infos_of, is_live
 from eal_actors.recording import RunFolder
 from eal_actors.wire.format.images import encode_image
 
-_ANSWER_S: Final = 2.0
-"""Real seconds for a resource's answer."""
+_ANSWER_S: Final = 2.0  # real seconds for a resource's answer
 _PICTURE_S: Final = 10.0
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 _MAX_RUNS: Final = 100

@@ -29,11 +29,9 @@ from eal_actors.operate.run_record import RunRecord
 from eal_actors.recording.provenance import resolved_fleet
 from eal_actors.scenario import Plan, Report, Run
 
-_END_S: Final = 10.0
-"""Real seconds for the end of a run that was aborted twice."""
+_END_S: Final = 10.0  # real seconds for the end of a run that was aborted twice
 _RECORD_END_S: Final = 20.0
-_STOP_S: Final = 5.0
-"""Real seconds for the robots to confirm a stop."""
+_STOP_S: Final = 5.0  # real seconds for the robots to confirm a stop
 _WAITS_UNTIL_DONE: Final = 60.0
 
 

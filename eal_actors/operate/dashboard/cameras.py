@@ -21,8 +21,7 @@ CameraKey: TypeAlias = tuple[str, str]
 
 MAX_OPEN: Final = 16
 """Cameras that all browsers together may watch."""
-_RETRY_S: Final = 0.5
-"""Real seconds from a failure to the next attempt."""
+_RETRY_S: Final = 0.5  # real seconds from a failure to the next attempt
 
 
 @dataclass(frozen=True, slots=True)

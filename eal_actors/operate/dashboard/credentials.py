@@ -21,8 +21,7 @@ from eal_actors.operate.dashboard.sign_in import SignIn
 from eal_actors.wire.security.certificates import DASHBOARD, certificate_file, key_file, list_certificates
 from eal_actors.wire.security.key_watch import WATCH_PERIOD_S, KeyWatch, file_versions
 
-_SECTION: Final = "dashboard"
-"""Of the fleet file, with the operators."""
+_SECTION: Final = "dashboard"  # of the fleet file, with the operators
 
 
 class CredentialWatch:

@@ -42,8 +42,7 @@ _BLOCKING: Final = (
     messages.StartRun,
 )
 _WHOLE_ARRAY: Final = 64
-_COMMANDS: Final = ("set_value", "send_cmd", "set_config")
-"""The methods that reserve a resource for their caller."""
+_COMMANDS: Final = ("set_value", "send_cmd", "set_config")  # the methods that reserve a resource for their caller
 
 
 class Dispatcher:

@@ -41,8 +41,7 @@ POSE_RESOURCES: Final = ("Pose", "Odometry")
 BATTERY_RESOURCE: Final = "Battery"
 HERE: Final = "this dashboard"
 """The controller of a resource that this process holds but has not commanded since the dashboard started."""
-_SPREAD: Final = ((0, 0), (0, 1), (1, 1))
-"""The elements of a covariance that describe the ellipse of the position."""
+_SPREAD: Final = ((0, 0), (0, 1), (1, 1))  # the elements of a covariance that describe the ellipse of the position
 TRAIL_STEP_M: Final = 0.02
 TRAIL_POINTS: Final = 300
 _POSE: Final = ValueInfo(DataType.DOUBLE, shape=(3,))

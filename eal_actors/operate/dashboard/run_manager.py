@@ -42,10 +42,8 @@ from eal_actors.scenario import (
 )
 from eal_actors.scenario.report.summary import StepRecord
 
-_END_S: Final = 10.0
-"""Real seconds for the end of a run that was aborted twice."""
-_RECORD_END_S: Final = 20.0
-"""Real seconds for the end of a run's record, with its picture and its report."""
+_END_S: Final = 10.0  # real seconds for the end of a run that was aborted twice
+_RECORD_END_S: Final = 20.0  # real seconds for the end of a run's record, with its picture and its report
 _MOST_FILES: Final = 200
 _CLOSED: Final = "the dashboard was closed"
 _STOP_CODES: Final = (PreemptedError.code, StoppedError.code)

@@ -8,8 +8,7 @@ import hmac
 import secrets
 from typing import Final
 
-_COST: Final = 14
-"""The binary logarithm of scrypt's N. With r = 8, one hash takes 16 MiB and about 50 ms."""
+_COST: Final = 14  # the binary logarithm of scrypt's N. With r = 8, one hash takes 16 MiB and about 50 ms.
 _SALT_BYTES: Final = 16
 _TOKEN_BYTES: Final = 24
 

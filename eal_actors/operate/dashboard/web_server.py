@@ -25,8 +25,7 @@ from eal_actors.operate.dashboard.limits import MAX_MESSAGE_BYTES
 from eal_actors.operate.dashboard.notifier import Notifier
 from eal_actors.operate.dashboard.places import WAIT_S, Place, Places
 
-_GRACE_S: Final = 0.5
-"""Real seconds for browsers to close their connections at the end."""
+_GRACE_S: Final = 0.5  # real seconds for browsers to close their connections at the end
 _START_S: Final = 10.0
 _PING_S: Final = 5.0
 _ACCEPT_AGAIN_S: Final = 0.1

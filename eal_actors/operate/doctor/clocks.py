@@ -14,12 +14,10 @@ from eal_actors.kernel.clock import REAL_TIME, wall_time
 from eal_actors.operate.doctor.diagnostic import Diagnostic, ok, problem, warning
 
 _AREA: Final = "clock"
-_NOT_BEFORE: Final = datetime(2025, 1, 1, tzinfo=UTC)
-"""Machines without a clock battery start with an earlier date."""
+_NOT_BEFORE: Final = datetime(2025, 1, 1, tzinfo=UTC)  # machines without a clock battery start with an earlier date
 _STEP_S: Final = 0.1
 _TIMEDATECTL_S: Final = 5.0
-_TIME_ERROR: Final = 5
-"""The state of adjtimex(2) for a clock that is not synchronised."""
+_TIME_ERROR: Final = 5  # the state of adjtimex(2) for a clock that is not synchronised
 
 
 class StepWatch:

@@ -45,8 +45,7 @@ from eal_actors.scenario.report.events import RunEvent
 POSE_RATE_HZ: Final = 20.0
 _VALUE_PERIOD_S: Final = 0.2
 _STATE_TURNS: Final = 3
-_ANSWER_S: Final = 30.0
-"""Deadline of a value: the first picture of a simulated camera takes seconds on a busy machine."""
+_ANSWER_S: Final = 30.0  # deadline of a value: the first picture of a simulated camera takes seconds on a busy machine
 _BASE: Final = "Base"
 _STATE_TOPIC: Final = "/state"
 _TRANSFORMS_TOPIC: Final = "/tf"

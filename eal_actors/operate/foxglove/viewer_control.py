@@ -26,8 +26,7 @@ from eal_actors.operate.dashboard.teleop import DRIVE_RESOURCE, Teleop, Twist
 
 _SUFFIX: Final = "/cmd_vel"
 _ANSWER_S: Final = 2.0
-_MOST_SHOWN: Final = 200
-"""Characters of a viewer's text in a log line."""
+_MOST_SHOWN: Final = 200  # characters of a viewer's text in a log line
 
 
 class ViewerControl:

@@ -12,8 +12,7 @@ from typing import Any, Final
 from eal_actors.kernel.errors import ArgumentError, UnavailableError
 from eal_actors.operate.hands.sticks import ABS_X, ABS_Y, BTN_SOUTH, EV_ABS, EV_KEY, KEYS, AxisRange
 
-_INPUT_MAJOR: Final = 13
-"""The major number of Linux's input devices."""
+_INPUT_MAJOR: Final = 13  # the major number of Linux's input devices
 _FOLDER: Final = Path("/dev/input")
 
 

@@ -11,8 +11,7 @@ from typing import Final
 
 WINDOW_S: Final = 10.0
 """The period of the statistics."""
-_MOST: Final = 4096
-"""Calls that are kept per robot, so that a flood does not fill the memory."""
+_MOST: Final = 4096  # calls that are kept per robot, so that a flood does not fill the memory
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,10 +29,8 @@ from eal_actors.device.navigation.traffic.lattice import Edge, Point, lay_lattic
 from eal_actors.device.navigation.traffic.problem import TrafficProblem
 from eal_actors.device.navigation.traffic.segments import Floats, distances_to_ways_m
 
-_SAME_PLACE_M: Final = 0.01
-"""A start so near a place of the lattice, or the goal, is that place."""
-_EXACT_M: Final = 1e-3
-"""A goal so near a place of the lattice is that place."""
+_SAME_PLACE_M: Final = 0.01  # a start so near a place of the lattice, or the goal, is that place
+_EXACT_M: Final = 1e-3  # a goal so near a place of the lattice is that place
 _LONGEST_OWN: Final = 1.5  # pitches
 _MOST_OWN: Final = 6
 _START_SHARES: Final = (1.0, 0.75, 0.5)

@@ -9,8 +9,7 @@ from collections.abc import Iterator
 
 from eal_actors.device.navigation.traffic.problem import NOBODY, Path, TrafficProblem
 
-_SLACK_STEPS = 16
-"""Steps after the last arrival, so that a new path may be later than all others."""
+_SLACK_STEPS = 16  # steps after the last arrival, so that a new path may be later than all others
 
 
 class Timetable:
