@@ -72,8 +72,7 @@ def call_method(
         typer.Argument(metavar="ARGUMENT", help="Arguments of the method: numbers, true, false, text."),
     ] = None,
     timeout_s: Annotated[
-        float | None,
-        typer.Option(min=0.0, help="Time limit in fleet seconds; default: timeout_s of the fleet file."),
+        float | None, typer.Option(min=0.0, help="Time limit in fleet seconds; default: timeout_s of the fleet file.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:

@@ -70,8 +70,7 @@ ValidOption = Annotated[
     ),
 ]
 DirOption = Annotated[
-    Path | None,
-    typer.Option("--dir", show_default="from the fleet file, or keys beside it", help="Folder of keys."),
+    Path | None, typer.Option("--dir", show_default="from the fleet file, or keys beside it", help="Folder of keys.")
 ]
 
 

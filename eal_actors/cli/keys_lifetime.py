@@ -11,14 +11,7 @@ from typing import Annotated
 import typer
 
 from eal_actors.cli.exit_codes import ExitCode
-from eal_actors.cli.keys import (
-    DirOption,
-    ValidOption,
-    advise,
-    advise_to_copy,
-    parse_lifetime,
-    print_made,
-)
+from eal_actors.cli.keys import DirOption, ValidOption, advise, advise_to_copy, parse_lifetime, print_made
 from eal_actors.cli.keys import app as keys_app
 from eal_actors.cli.options import EalCommand, FleetOption
 from eal_actors.cli.output import print_line, stderr, stdout

@@ -250,9 +250,5 @@ class UdpWire(EmulatorWire):
                 self._socket.sendto(reply, self._peer)
 
 
-WIRES: Final[dict[str, type[PtyWire | TcpWire | UdpWire]]] = {
-    "pty": PtyWire,
-    "tcp": TcpWire,
-    "udp": UdpWire,
-}
+WIRES: Final[dict[str, type[PtyWire | TcpWire | UdpWire]]] = {"pty": PtyWire, "tcp": TcpWire, "udp": UdpWire}
 """Wires by the name in a manifest's `emulator`."""

@@ -25,9 +25,6 @@ class MarkerFamily:
 
 
 FAMILIES: Final = MappingProxyType[FamilyName, MarkerFamily](
-    {
-        "4x4_50": MarkerFamily("DICT_4X4_50", 50, 6),
-        "36h11": MarkerFamily("DICT_APRILTAG_36h11", 587, 8),
-    }
+    {"4x4_50": MarkerFamily("DICT_4X4_50", 50, 6), "36h11": MarkerFamily("DICT_APRILTAG_36h11", 587, 8)}
 )
 """ArUco 4x4 (50 markers) and AprilTag 36h11 (587 markers)."""

@@ -19,9 +19,7 @@ class PictureLog:
     """
 
     def __init__(
-        self,
-        on_found: Callable[[str, float, Findings], None],
-        past: Mapping[tuple[str, float], Findings] | None = None,
+        self, on_found: Callable[[str, float, Findings], None], past: Mapping[tuple[str, float], Findings] | None = None
     ) -> None:
         self.add = on_found
         self._past = past or {}

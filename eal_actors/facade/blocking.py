@@ -8,13 +8,7 @@ from functools import wraps
 from typing import TYPE_CHECKING, Concatenate, Generic, ParamSpec, TypeVar
 
 from eal_actors.actors.future import Future, get_or_cancel
-from eal_actors.actors.part_handles import (
-    BaseHandle,
-    CameraHandle,
-    PoseHandle,
-    SensorHandle,
-    TurretHandle,
-)
+from eal_actors.actors.part_handles import BaseHandle, CameraHandle, PoseHandle, SensorHandle, TurretHandle
 
 if TYPE_CHECKING:
     from eal_actors.actors.handles import RobotHandle

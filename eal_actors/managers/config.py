@@ -66,10 +66,7 @@ class EALConfigManager:
         return self.fleet.robots[name]
 
     def select(
-        self,
-        names: Iterable[str] | None = None,
-        tags: Iterable[str] | None = None,
-        types: Iterable[str] | None = None,
+        self, names: Iterable[str] | None = None, tags: Iterable[str] | None = None, types: Iterable[str] | None = None
     ) -> tuple[RobotConfig, ...]:
         """Return the robots that match, in the order of the fleet.
 

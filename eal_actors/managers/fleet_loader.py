@@ -22,12 +22,7 @@ from eal_actors.kernel.yaml_tree import (
     plain,
     replace_text,
 )
-from eal_actors.managers.fleet_model import (
-    MAX_ROBOTS_OF_ONE_ENTRY,
-    FleetConfig,
-    FleetFile,
-    robot_config,
-)
+from eal_actors.managers.fleet_model import MAX_ROBOTS_OF_ONE_ENTRY, FleetConfig, FleetFile, robot_config
 from eal_actors.managers.map_check import map_problems
 from eal_actors.managers.memory_file import tree_of
 from eal_actors.managers.network_check import network_problems

@@ -35,11 +35,7 @@ class ScanMap:
         self._is_seen: NDArray[np.bool_] = np.zeros((0, 0), np.bool_)
 
     def add(
-        self,
-        pose: tuple[float, float, float],
-        ranges_m: ArrayLike,
-        angles_rad: ArrayLike,
-        max_range_m: float,
+        self, pose: tuple[float, float, float], ranges_m: ArrayLike, angles_rad: ArrayLike, max_range_m: float
     ) -> None:
         """Add a scan.
 

@@ -6,15 +6,7 @@ import math
 from itertools import combinations
 from typing import Final, TypeAlias
 
-from eal_actors.device.world.model import (
-    Beacon,
-    BoxObstacle,
-    CircleObstacle,
-    Drop,
-    FloorPoint,
-    KeepOutZone,
-    MovableBox,
-)
+from eal_actors.device.world.model import Beacon, BoxObstacle, CircleObstacle, Drop, FloorPoint, KeepOutZone, MovableBox
 
 Rectangle: TypeAlias = BoxObstacle | MovableBox | Drop
 Disc: TypeAlias = CircleObstacle | Beacon

@@ -131,12 +131,7 @@ def _misplaced_posters(world: WorldModel) -> Iterator[WorldProblem]:
 def _extent(poster: Poster) -> tuple[float, float, float, float]:
     """Return its extent along its wall, and its lower and upper edge, in metres."""
     width_m, height_m = poster.size_m
-    return (
-        poster.at_m - width_m / 2,
-        poster.at_m + width_m / 2,
-        poster.bottom_m,
-        poster.bottom_m + height_m,
-    )
+    return poster.at_m - width_m / 2, poster.at_m + width_m / 2, poster.bottom_m, poster.bottom_m + height_m
 
 
 def _share_wall(one: tuple[float, float, float, float], other: tuple[float, float, float, float]) -> bool:

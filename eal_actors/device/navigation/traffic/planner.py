@@ -54,11 +54,7 @@ class TrafficPlan:
 
 
 def plan_traffic(
-    grid: OccupancyGrid,
-    travellers: Sequence[Traveller],
-    standing: Sequence[StandingDisc] = (),
-    *,
-    seed: int = 0,
+    grid: OccupancyGrid, travellers: Sequence[Traveller], standing: Sequence[StandingDisc] = (), *, seed: int = 0
 ) -> TrafficPlan:
     """Plan the moves of all robots to their goals.
 
