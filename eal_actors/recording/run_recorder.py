@@ -46,13 +46,7 @@ from eal_actors.recording.recorded_run import INFOS
 from eal_actors.recording.repair import PART_FILE, merge_record
 from eal_actors.recording.run_folder import TRAJECTORY, RunFolder
 from eal_actors.recording.sampler import Sampler, SampleSpec
-from eal_actors.recording.value_messages import (
-    hull_radii_m,
-    message_of,
-    resource_infos,
-    scanner_angles,
-    topic_of,
-)
+from eal_actors.recording.value_messages import hull_radii_m, message_of, resource_infos, scanner_angles, topic_of
 from eal_actors.scenario.report.events import RunContinued, RunEvent, RunStarted, StepEnded
 from eal_actors.scenario.report.summary import StepRecord
 

@@ -109,9 +109,7 @@ STATE: Final = MessageSchema(
     "eal.State",
     _object(
         timestamp=_TIME,
-        robots=_list(
-            _object(name=_TEXT, state=_TEXT, stopped=_TEXT, running=_list(_TEXT), not_ready=_list(_TEXT)),
-        ),
+        robots=_list(_object(name=_TEXT, state=_TEXT, stopped=_TEXT, running=_list(_TEXT), not_ready=_list(_TEXT))),
     ),
 )
 """The states of all robots, in live views."""

@@ -118,11 +118,7 @@ def _apart_px(camera: TurnedCamera, other: TurnedCamera) -> float:
 
 
 def _place(
-    frames: Mapping[int, Image],
-    yaws_rad: Sequence[float],
-    given: CameraLens,
-    way: _CompareBy,
-    names: Sequence[str],
+    frames: Mapping[int, Image], yaws_rad: Sequence[float], given: CameraLens, way: _CompareBy, names: Sequence[str]
 ) -> FramePlacement:
     camera = way.camera
     views = {number: _ComparedFrame(frame, way, yaws_rad[number]) for number, frame in frames.items()}

@@ -9,12 +9,7 @@ from typing import Any, TypeAlias
 
 from eal_actors.actors.future import Future
 from eal_actors.kernel import spans
-from eal_actors.kernel.errors import (
-    CallCancelledError,
-    DeadlineError,
-    EALError,
-    UnavailableError,
-)
+from eal_actors.kernel.errors import CallCancelledError, DeadlineError, EALError, UnavailableError
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.failures import StepFailure
@@ -22,9 +17,7 @@ from eal_actors.scenario.engine.frames import ExecutionContext, Participant, Ste
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.engine.past_steps import PastStep
 from eal_actors.scenario.language.scenario import FallibleModel, Step
-from eal_actors.scenario.language.values import (
-    RetryPolicy,
-)
+from eal_actors.scenario.language.values import RetryPolicy
 from eal_actors.scenario.report.events import StepEnded, StepStarted
 from eal_actors.scenario.report.summary import ErrorReport, StepOutcome, StepRecord
 

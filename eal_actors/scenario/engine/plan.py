@@ -39,11 +39,7 @@ class Plan:
 
 
 def make_plan(
-    scenario: Scenario,
-    fleet: Fleet,
-    *,
-    binding: Wishes | None = None,
-    parameters: Mapping[str, object] | None = None,
+    scenario: Scenario, fleet: Fleet, *, binding: Wishes | None = None, parameters: Mapping[str, object] | None = None
 ) -> Plan:
     """Bind the roles, and check every call with every value of every loop on every robot.
 

@@ -91,11 +91,7 @@ class SynchronizedStart:
         errors = [call.began_error_s for call in self._calls.values() if call is not None]
         skew_s, skew_error_s = skew(list(begins.values()), errors)
         report = StartReport(
-            step=self._path,
-            start_s=self._start_s - zero_s,
-            skew_s=skew_s,
-            skew_error_s=skew_error_s,
-            begins=begins,
+            step=self._path, start_s=self._start_s - zero_s, skew_s=skew_s, skew_error_s=skew_error_s, begins=begins
         )
         run.starts.append(report)
         run.emit(lambda time_s: StartedTogether(time_s, report))

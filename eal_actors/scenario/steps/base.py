@@ -27,12 +27,7 @@ from eal_actors.scenario.language.expressions.evaluation import Namespace, rende
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
 from eal_actors.scenario.language.scenario import FallibleModel, Keys, Show, Step
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
-from eal_actors.scenario.language.values import (
-    Held,
-    Timeout,
-    checked_number,
-    final_action,
-)
+from eal_actors.scenario.language.values import Held, Timeout, checked_number, final_action
 from eal_actors.scenario.language.wording import short_number
 from eal_actors.scenario.report.timeline import StepTimeline, TimelineBuilder
 

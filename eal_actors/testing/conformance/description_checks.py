@@ -23,8 +23,7 @@ def starts(bench: Bench, findings: Findings) -> None:
     findings.expect(holds=not missing, problem=f"required modules are not installed: {', '.join(missing)}")
     found = EALPluginManager([bench.folder.resolve().parent]).manifests[manifest.name].folder
     findings.expect(
-        holds=found.resolve() == bench.folder.resolve(),
-        problem=f"the plugin in {found} has the same name and hides it",
+        holds=found.resolve() == bench.folder.resolve(), problem=f"the plugin in {found} has the same name and hides it"
     )
     with bench.robot() as robot:
         promised, there = set(manifest.file.resources), set(robot)
