@@ -25,8 +25,7 @@ _LOOK_S: Final = 0.05
 def changed_files(texts: Mapping[Path, str]) -> Iterator[None]:
     """Replace the texts of files, each atomically; an error in the block restores all of them.
 
-    Raises:
-        ConfigError: a file cannot be read or written.
+    Raises ConfigError if a file cannot be read or written.
     """
     before = {file: read_text(file) for file in texts}
     try:
@@ -57,8 +56,7 @@ def require_own(fleet: FleetConfig, change: str) -> None:
 def with_include(text: str, name: str, include: str) -> str:
     """Return a valid fleet file's text with one more include after all others, otherwise unchanged.
 
-    Raises:
-        ConfigError: the layout of the file allows no automatic change.
+    Raises ConfigError if the layout of the file allows no automatic change.
     """
     root = parse_yaml(text, name).root
     known = root.get("include")
@@ -88,8 +86,7 @@ def with_include(text: str, name: str, include: str) -> str:
 def with_identity(text: str, name: str, identity: str) -> str:
     """Return a valid fleet file's text with an identity, which it has not yet, otherwise unchanged.
 
-    Raises:
-        ConfigError: the layout of the file allows no automatic change.
+    Raises ConfigError if the layout of the file allows no automatic change.
     """
     root = parse_yaml(text, name).root
     lines = f"{text}{'' if text.endswith(chr(10)) else chr(10)}".splitlines(keepends=True)
@@ -110,10 +107,8 @@ def with_identity(text: str, name: str, identity: str) -> str:
 def write_identity(fleet: FleetConfig) -> None:
     """Write a new identity into the file of a fleet without one.
 
-    Several servers may start from one file at the same time: the first one writes, and the others find it.
-
-    Raises:
-        ConfigError: the file is part of the framework, its layout allows no automatic change, or it cannot be written.
+    Several servers may start from one file at the same time: the first one writes, and the others find it. Raises
+    ConfigError if the file is part of the framework, its layout allows no automatic change, or it cannot be written.
     """
     require_own(fleet, "add `network: {identity: NAME}`")
     name = str(fleet.source)
@@ -146,11 +141,7 @@ def _require_content(text: str, wanted: Mapping[str, Any], name: str, key: str, 
 
 
 def read_text(file: Path) -> str | None:
-    """Return the text of a file, None without one.
-
-    Raises:
-        ConfigError: it cannot be read.
-    """
+    """Return the text of a file, None without one; raise ConfigError if it cannot be read."""
     with writing(file), suppress(FileNotFoundError):
         return file.read_text(encoding="utf-8")
     return None

@@ -32,8 +32,7 @@ class Difference:
 def compare_runs(left: RunFolder, right: RunFolder, tolerance: float = 0.0) -> Iterator[Difference]:
     """Yield the differences of events, then of paths, then of saved files. Numbers may differ by the tolerance.
 
-    Raises:
-        ScenarioError: a folder is broken.
+    Raises ScenarioError if a folder is broken.
     """
     for number, (one, other) in enumerate(zip_longest(left.events, right.events, fillvalue=_MISSING)):
         yield from _compare_values(f"events[{number}]", one, other, tolerance)
@@ -66,8 +65,7 @@ class PathDeviation:
 def path_deviations(left: RunFolder, right: RunFolder) -> tuple[PathDeviation, ...]:
     """Return the deviations of the robots that both runs recorded; after its end a robot is where it ended.
 
-    Raises:
-        ScenarioError: a folder is broken.
+    Raises ScenarioError if a folder is broken.
     """
     names = [name for name in left.paths if left.paths[name] and right.paths.get(name)]
     return tuple(_deviation(name, left.paths[name], right.paths[name]) for name in names)
@@ -87,8 +85,7 @@ def _place(path: Sequence[PoseSample], time_s: float) -> tuple[float, float]:
 def first_difference(left: RunFolder, right: RunFolder, before_s: float = math.inf) -> Difference | None:
     """Return the first event or pose, before a time since the start, that differs, without names and hashes of files.
 
-    Raises:
-        ScenarioError: a folder is broken.
+    Raises ScenarioError if a folder is broken.
     """
     found = [*_first_event(left, right, before_s), *_first_pose(left, right, before_s)]
     return min(found, key=lambda pair: pair[0])[1] if found else None

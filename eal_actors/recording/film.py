@@ -40,13 +40,9 @@ _Bounds = tuple[float, float, float, float]
 
 
 def film_run(run: RunFolder, world: WorldModel | None) -> Path | None:
-    """Write `trajectory.gif` into the run's folder.
+    """Write `trajectory.gif` into the run's folder; raise ScenarioError if it cannot be written.
 
-    Returns:
-        The film; None if no robot has a Pose, or Pillow is missing, which is logged.
-
-    Raises:
-        ScenarioError: it cannot be written.
+    Return it; None if no robot has a Pose, or Pillow is missing, which is logged.
     """
     paths = {name: path for name, path in run.paths.items() if path}
     if not paths:

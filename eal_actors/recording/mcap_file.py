@@ -91,11 +91,7 @@ class McapFile:
             self.add_metadata(_CLOCK, {_START: str(nanoseconds(start.timestamp()))})
 
     def write(self, topic: str, schema: MessageSchema, time_s: float, message: Message) -> None:
-        """Append a message; `time_s` counts from the run's start.
-
-        Raises:
-            OSError: it cannot be written.
-        """
+        """Append a message; `time_s` counts from the run's start; raise OSError if it cannot be written."""
         shifted = messages.shifted(message, self._start_ns)
         self._add(topic, schema, self._start_ns + nanoseconds(time_s), _as_json(shifted))
 
@@ -148,11 +144,7 @@ class McapFile:
         self._writer.add_attachment(0, 0, name, _JSON, _as_json(content))
 
     def flush(self) -> None:
-        """Write what was attached so far to the disk, so that a crash does not lose it.
-
-        Raises:
-            OSError: it cannot be written.
-        """
+        """Write what was attached so far to the disk, so that a crash does not lose it; raise OSError if that fails."""
         self._stream.flush()
 
     def add_metadata(self, name: str, texts: Mapping[str, str]) -> None:
@@ -165,11 +157,7 @@ class McapFile:
         self._writer.add_metadata(name, dict(texts))
 
     def close(self) -> None:
-        """Write the index and close the file. Closing it twice is harmless.
-
-        Raises:
-            OSError: the index cannot be written; the file is closed nevertheless.
-        """
+        """Write the index and close the file, which is closed even after an OSError. Closing it twice is harmless."""
         if self._stream.closed:
             return
         try:
@@ -184,30 +172,18 @@ def pose_topic(robot: str, resource: str) -> str:
 
 
 def write_pose(file: McapFile, robot: str, resource: str, sample: PoseSample) -> None:
-    """Write a pose for programs.
-
-    Raises:
-        OSError: it cannot be written.
-    """
+    """Write a pose for programs; raise OSError if it cannot be written."""
     file.write(pose_topic(robot, resource), schemas.POSE, sample.time_s, messages.pose_message(sample))
 
 
 def write_path(file: McapFile, robot: str, resource: str, sample: PoseSample) -> None:
-    """Write a pose of a robot's path twice: for programs, and as the transform that viewers need.
-
-    Raises:
-        OSError: it cannot be written.
-    """
+    """Write a pose of a path twice: for programs, and as the transform of viewers; raise OSError if that fails."""
     write_pose(file, robot, resource, sample)
     file.write(TRANSFORMS_TOPIC, schemas.TRANSFORMS, sample.time_s, messages.transform_message(robot, sample))
 
 
 def write_event(file: McapFile, event: Mapping[str, Any]) -> None:
-    """Write a line of `events.jsonl`, the call that it ends, and its log line.
-
-    Raises:
-        OSError: it cannot be written.
-    """
+    """Write a line of `events.jsonl`, the call that it ends, and its log line; raise OSError if that fails."""
     time_s = event["time_s"]
     file.write(EVENTS_TOPIC, schemas.EVENT, time_s, {**messages.stamped(time_s), **event})
     if event["event"] == "step_ended" and event["record"]["resource"] is not None:
@@ -219,11 +195,7 @@ def write_event(file: McapFile, event: Mapping[str, Any]) -> None:
 
 
 def write_findings(file: McapFile, time_s: float, camera: str, stamp_s: float, found: Findings) -> None:
-    """Write what was found in a picture.
-
-    Raises:
-        OSError: it cannot be written.
-    """
+    """Write what was found in a picture; raise OSError if it cannot be written."""
     message = {**messages.stamped(time_s), "camera": camera, "stamp_s": stamp_s, "found": found}
     file.write(FINDINGS_TOPIC, schemas.FINDINGS, time_s, message)
 
@@ -297,11 +269,7 @@ def read_mcap(path: Path) -> McapContent:
 
 
 def is_whole(path: Path) -> bool:
-    """Return whether a file ends as a finished one does.
-
-    Raises:
-        OSError: it cannot be read.
-    """
+    """Return whether a file ends as a finished one does; raise OSError if it cannot be read."""
     with path.open("rb") as stream:
         stream.seek(-min(len(_MAGIC), path.stat().st_size), os.SEEK_END)
         return stream.read() == _MAGIC

@@ -171,13 +171,9 @@ def losses_of(report: Report) -> dict[str, float]:
 
 
 def draw_run(run: RunFolder, report: Report, world: WorldModel | None) -> Path | None:
-    """Draw the robots' paths into the run's folder.
+    """Draw the robots' paths into the run's folder; raise ScenarioError if the picture cannot be written.
 
-    Returns:
-        The picture; None if no robot has a Pose, or matplotlib is missing, which is logged.
-
-    Raises:
-        ScenarioError: it cannot be written.
+    Return the picture; None if no robot has a Pose, or matplotlib is missing, which is logged.
     """
     if not run.paths:
         return None

@@ -122,11 +122,7 @@ class TrajectoryTable:
         self._stream: IO[str] | None = None
 
     def add(self, robot: str, sample: PoseSample) -> None:
-        """Append a row.
-
-        Raises:
-            OSError: it cannot be written.
-        """
+        """Append a row; raise OSError if it cannot be written."""
         if self._stream is None:
             self._stream = self._path.open("a", encoding="utf-8", newline="", buffering=1)  # by lines
             self._table = csv.writer(self._stream)
@@ -136,10 +132,6 @@ class TrajectoryTable:
         self._table.writerow([robot, f"{time_s:.3f}", *(f"{number:z.6f}" for number in pose)])
 
     def close(self) -> None:
-        """Close the file.
-
-        Raises:
-            OSError: the last rows cannot be written.
-        """
+        """Close the file; raise OSError if the last rows cannot be written."""
         if self._stream is not None:
             self._stream.close()

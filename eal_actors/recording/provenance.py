@@ -35,10 +35,8 @@ def keep_provenance(directory: Path, config: FleetConfig, scenario: Scenario) ->
     A scenario that runs others is written with them to a folder in which their relative paths are kept.
 
     Secrets are removed: passwords and queries of URLs, and settings with secret names such as `password` and
-    `api_token`. Other files that the fleet file names, such as plugin folders, are not copied.
-
-    Raises:
-        OSError: a file cannot be written.
+    `api_token`. Other files that the fleet file names, such as plugin folders, are not copied. Raises OSError if a file
+    cannot be written.
     """
     (directory / FLEET).write_text(_as_yaml(resolved_fleet(config)), encoding="utf-8")
     if config.world is not None:
@@ -87,11 +85,7 @@ def kept_scenario(directory: Path) -> Path:
 
 
 def kept_world(directory: Path) -> WorldModel | None:
-    """Return the world of a run, or None if it had none.
-
-    Raises:
-        ConfigError: its file was changed and is invalid.
-    """
+    """Return the world of a run, or None if it had none; raise ConfigError if its file was changed and is invalid."""
     file = directory / WORLD
     return load_world(file) if file.is_file() else None
 

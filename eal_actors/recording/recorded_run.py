@@ -56,11 +56,7 @@ class RecordedRun:
 
     @cached_property
     def infos(self) -> Mapping[str, Mapping[str, ResourceInfo]]:
-        """The ResourceInfo of each robot's resources, by name.
-
-        Raises:
-            ScenarioError: they are invalid.
-        """
+        """The ResourceInfo of each robot's resources, by name; raise ScenarioError if they are invalid."""
         try:
             return {
                 robot: {name: ResourceInfo.from_dict(fields) for name, fields in infos.items()}

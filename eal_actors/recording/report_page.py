@@ -104,11 +104,7 @@ def render_report(run: RunFolder, world: WorldModel | None = None) -> str:
 
 
 def page_template(name: str, package: str = "eal_actors.recording") -> Template:
-    """Return a template from the folder `templates` of a package.
-
-    Raises:
-        UnsupportedError: Jinja is not installed.
-    """
+    """Return a template from the folder `templates` of a package; raise UnsupportedError if Jinja is not installed."""
     try:
         from jinja2 import Environment, PackageLoader, StrictUndefined
     except ImportError as error:

@@ -26,8 +26,7 @@ TRAJECTORY: Final = "trajectory.csv"
 def new_run_folder(runs_dir: Path, scenario: str) -> Path:
     """Make a folder named after the scenario and the time; an existing folder is never reused.
 
-    Raises:
-        ConfigError: it cannot be made.
+    Raises ConfigError if it cannot be made.
     """
     name = f"{scenario}-{wall_time():%Y%m%dT%H%M%SZ}"
     number = 1
@@ -60,11 +59,7 @@ class RunFolder:
 
     @classmethod
     def open(cls, path: Path) -> RunFolder:
-        """Return the folder of a run.
-
-        Raises:
-            ScenarioError: it is not the folder of a run.
-        """
+        """Return the folder of a run; raise ScenarioError if it is not the folder of a run."""
         if not (path / EVENTS).is_file():
             reason = "there is no such folder" if not path.is_dir() else f"it has no {EVENTS}"
             raise ScenarioError(f"{path} is no folder of a run: {reason}")

@@ -36,8 +36,7 @@ def message_of(
 ) -> tuple[MessageSchema, Message]:
     """Return the message of a value: an image, a scan with the directions of its rays, or any value as JSON.
 
-    Raises:
-        EALError: an image cannot be encoded.
+    Raises EALError if an image cannot be encoded.
     """
     frame_id = data.frame_id or messages.base_frame(resource.robot)
     if data.dtype == "|u1" and data.shape is not None and data.shape[2:] == (3,):

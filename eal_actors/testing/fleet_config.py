@@ -32,8 +32,7 @@ def simulated_fleet(
 ) -> FleetConfig:
     """Return the configuration of a fleet whose clock runs as fast as possible; arguments as for Simulation.
 
-    Raises:
-        ConfigError: the robots or the world are wrong; names every problem.
+    Raises ConfigError with every problem of the robots and the world.
     """
     problems: list[Problem] = []
     config = collect_problems(problems, lambda: _fleet(robots, seed, plugin_dirs))

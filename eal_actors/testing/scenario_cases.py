@@ -34,11 +34,7 @@ def collect_scenario(path: Path, parent: pytest.Collector) -> pytest.Collector |
 
 
 def check_settings(config: pytest.Config, items: Iterable[pytest.Item]) -> None:
-    """Check that every value of --eal-set belongs to a parameter of a collected scenario.
-
-    Raises:
-        UsageError: no collected scenario has the parameter.
-    """
+    """Raise UsageError for a value of --eal-set that belongs to no parameter of a collected scenario."""
     known = {name for item in items if isinstance(item, ScenarioCase) for name in item.scenario.file.parameters}
     for name, _ in config.getoption("--eal-set"):
         if name not in known:

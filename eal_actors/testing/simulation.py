@@ -153,8 +153,7 @@ class Simulation:
     def advance(self, duration_s: float) -> None:
         """Advance time by simulated seconds; return when the robots have done everything that they do in this time.
 
-        Raises:
-            ArgumentError: the duration is under 0 or not finite.
+        Raises ArgumentError if the duration is under 0 or not finite.
         """
         self.fleet.clock.sleep(_require_duration("duration_s", duration_s))
 
@@ -277,8 +276,7 @@ def _name_condition(condition: Callable[[], object]) -> str:
 def read_scenario(source: str | Path) -> Scenario:
     """Read a scenario from its text of more than one line, which may be indented, or from its file.
 
-    Raises:
-        ConfigError: the scenario is wrong; names every problem.
+    Raises ConfigError with every problem of the scenario.
     """
     if isinstance(source, Path) or "\n" not in source:
         return load_scenario(source)

@@ -43,11 +43,9 @@ def bisect(run: Path, good: str, bad: str, on_version: OnVersion = lambda _versi
     """Find the first version whose record of a run differs from that of a good version.
 
     Versions are two scenario files, or two revisions of the git repository in the working directory, which has the
-    scenario of the run at the same path, or is the framework's own. Nothing in the repository is changed. Versions are
-    scenario files or revisions, and a bad revision descends from the good one. `on_version` is called after each run.
-
-    Raises:
-        ScenarioError: the run cannot be repeated, or the versions cannot be compared.
+    scenario of the run at the same path, or is the framework's own. Nothing in the repository is changed. A bad
+    revision descends from the good one. `on_version` is called after each run. Raises ScenarioError if the run cannot
+    be repeated, or the versions cannot be compared.
 
     Thread: blocks the caller.
     """

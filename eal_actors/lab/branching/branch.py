@@ -209,11 +209,7 @@ def _keys(entry: Mapping[str, Any]) -> Iterator[str]:
 
 
 def parse_fault(text: str) -> tuple[str, Any]:
-    """Parse `robot.fault` or `robot.fault=value`; a fault without a value is true.
-
-    Raises:
-        ValueError: the text has another form.
-    """
+    """Parse `robot.fault` or `robot.fault=value`, by default true; raise ValueError if the text has another form."""
     name, equals, value = text.partition("=")
     if not name.rpartition(".")[0]:
         raise ValueError(f"must be ROBOT.FAULT or ROBOT.FAULT=VALUE, not {text!r}")

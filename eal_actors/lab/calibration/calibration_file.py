@@ -45,9 +45,8 @@ def write_calibration(
 ) -> WrittenCalibration:
     """Write a robot's calibration file beside the fleet file, and include it there.
 
-    Raises:
-        ConfigError: a file cannot be written or is bundled with the framework, or the changed fleet would be invalid or
-            would not use the calibration. Both files are unchanged then.
+    Raises ConfigError if a file cannot be written or is bundled with the framework, or the changed fleet would be
+    invalid or would not use the calibration; both files are unchanged then.
     """
     require_own(fleet, "calibrate with that")
     instance = _instance(fleet.robots[robot], fleet)

@@ -124,11 +124,7 @@ def calibration_of_base(robot: RobotHandle) -> WheelCalibration | None:
 
 
 def calibrate_base(robot: RobotHandle, calibration: WheelCalibration) -> None:
-    """Set the calibration of a robot's base, until the base restarts.
-
-    Raises:
-        UnsupportedError: the base has no such configuration.
-    """
+    """Set the calibration of a base until it restarts; raise UnsupportedError if the base has no such configuration."""
     for name, value in calibration.model_dump().items():
         if _config(robot, name) is None:
             raise UnsupportedError(f"has no configuration {name}: it cannot be calibrated").at(robot.name, BASE)

@@ -52,10 +52,8 @@ def fit_squares(ends: SquareEnds, side_m: float, wheelbase_m: float, applied: Wh
     """Fit the kinematics to the ends of squares by Gauss-Newton, with 4 residuals and 2 unknowns.
 
     `applied` is the calibration that the base used while it drove, the start of the iteration; the result replaces it.
-
-    Raises:
-        ArgumentError: the fit does not converge, its result is impossible for a base or explains nothing, or a length
-            is not positive.
+    Raises ArgumentError if the fit does not converge, its result is impossible for a base or explains nothing, or a
+    length is not positive.
     """
     for what, length_m in (("side", side_m), ("wheelbase", wheelbase_m)):
         if not (math.isfinite(length_m) and length_m > 0):
@@ -125,8 +123,7 @@ def _slope(residuals: Residuals, unknowns: Vector, index: int) -> Vector:
 def _line_search(residuals: Residuals, unknowns: Vector, change: Vector, left_over: Vector) -> tuple[Vector, Vector]:
     """Halve the change until the residuals do not grow; return the new unknowns and residuals.
 
-    Raises:
-        ArgumentError: every fraction of the change leads to an impossible calibration.
+    Raises ArgumentError if every fraction of the change leads to an impossible calibration.
     """
     for halvings in range(_MOST_HALVINGS):
         nearer = [unknown + part / 2**halvings for unknown, part in zip(unknowns, change, strict=True)]

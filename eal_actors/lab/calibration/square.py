@@ -69,10 +69,8 @@ def seen_from(start: Pose, pose: Pose) -> Pose:
 class SquareEnds:
     """Measured ends of squares, minus the ends by odometry: x along the first side, y to its left.
 
-    All are in metres; `cw` are squares with turns to the right.
-
-    Raises:
-        ArgumentError: one way has no squares, or a coordinate is not finite.
+    All are in metres; `cw` are squares with turns to the right. Raises ArgumentError if one way has no squares, or a
+    coordinate is not finite.
     """
 
     cw: Sequence[Point]
@@ -112,8 +110,7 @@ class SquareEnds:
 def read_square_ends(file: Path) -> SquareEnds:
     """Read a CSV file with the columns way (cw or ccw), x_m and y_m, in any order; other columns are ignored.
 
-    Raises:
-        ConfigError: the file is wrong; names every problem.
+    Raises ConfigError with every problem of the file.
     """
     problems: list[Problem] = []
     ends = {way: list[Point]() for way in WAYS}
@@ -151,11 +148,7 @@ def _rows(file: Path) -> Iterable[tuple[int, dict[str, str]]]:
 
 
 def write_square_ends(ends: SquareEnds, file: Path) -> None:
-    """Write ends in the format of `read_square_ends`.
-
-    Raises:
-        ConfigError: the file cannot be written.
-    """
+    """Write ends in the format of `read_square_ends`; raise ConfigError if the file cannot be written."""
     with writing(file), file.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream)
         writer.writerow(_COLUMNS)

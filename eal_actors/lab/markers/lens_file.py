@@ -45,8 +45,7 @@ class FleetCamera:
 def find_camera(fleet: FleetConfig, wanted: str | None) -> FleetCamera:
     """Return the camera of a name, `CAMERA` or `ROBOT.CAMERA`, or the only one.
 
-    Raises:
-        ConfigError: the fleet has no such camera or several, or its file is bundled with the framework.
+    Raises ConfigError if the fleet has no such camera or several, or its file is bundled with the framework.
     """
     require_own(fleet, "calibrate with that")
     found = {f"{camera.robot}.{camera.name}": camera for camera in _cameras(fleet)}
@@ -75,9 +74,8 @@ def _cameras(fleet: FleetConfig) -> Iterator[FleetCamera]:
 def write_lens(fleet: FleetConfig, camera: FleetCamera, fit: LensFit, comment: str) -> Path:
     """Write a lens into the fleet file, or into a file beside it which it includes; return the file.
 
-    Raises:
-        ConfigError: a file cannot be written, or the changed fleet would be invalid or would not use the lens. All
-            files are unchanged then.
+    Raises ConfigError if a file cannot be written, or the changed fleet would be invalid or would not use the lens; all
+    files are unchanged then.
     """
     source = fleet.source
     before = read_text(source) or ""
@@ -104,8 +102,7 @@ def write_lens(fleet: FleetConfig, camera: FleetCamera, fit: LensFit, comment: s
 def with_values(text: str, mark: Mark, values: Mapping[str, Any]) -> str:
     """Return a YAML text in which the mapping at a place has other values; comments and other keys stay.
 
-    Raises:
-        ConfigError: there is no mapping at that place.
+    Raises ConfigError if there is no mapping at that place.
     """
     node = _node_at(yaml.compose(text, Loader=yaml.BaseLoader), mark)
     if not isinstance(node, yaml.MappingNode):

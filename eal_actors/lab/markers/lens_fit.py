@@ -98,11 +98,7 @@ def _place(view: BoardView) -> NDArray[np.float64]:
 
 
 def fit_lens(views: list[BoardView]) -> LensFit:
-    """Fit a lens to pictures of a board.
-
-    Raises:
-        ArgumentError: too few pictures, or pictures of different sizes.
-    """
+    """Fit a lens to pictures of a board; raise ArgumentError if there are too few pictures, or their sizes differ."""
     if len(views) < LEAST_PICTURES:
         raise ArgumentError(f"the board is in {len(views)} pictures; at least {LEAST_PICTURES} are needed, better 20")
     sizes = {view.size_px for view in views}

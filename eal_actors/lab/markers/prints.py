@@ -55,10 +55,8 @@ def dictionary(family: FamilyName) -> cv2.aruco.Dictionary:
 def marker_sheets(ids: Sequence[int], family: FamilyName, size_mm: float, paper_mm: tuple[float, float]) -> list[Sheet]:
     """Return sheets with markers, each with its white border, its number, and an arrow to its right edge.
 
-    `size_mm` is the side of the black square.
-
-    Raises:
-        ArgumentError: the family has no such marker, or a marker does not fit on the paper.
+    `size_mm` is the side of the black square. Raises ArgumentError if the family has no such marker, or a marker does
+    not fit on the paper.
     """
     kind = FAMILIES[family]
     if not ids or (beyond := [number for number in ids if not 0 <= number < kind.count]):
@@ -89,11 +87,7 @@ def marker_sheets(ids: Sequence[int], family: FamilyName, size_mm: float, paper_
 
 
 def board_sheet(size: BoardSize, paper_mm: tuple[float, float]) -> Sheet:
-    """Return a sheet, in landscape, with the board.
-
-    Raises:
-        ArgumentError: it does not fit on the paper.
-    """
+    """Return a sheet, in landscape, with the board; raise ArgumentError if it does not fit on the paper."""
     width_mm, height_mm = max(paper_mm), min(paper_mm)
     square_mm = size.square_m * 1000
     left_mm = (width_mm - size.columns * square_mm) / 2

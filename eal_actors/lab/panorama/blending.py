@@ -166,12 +166,9 @@ def _least_path(costs: Floats) -> NDArray[np.int64]:
 
 
 def blend(views: Mapping[int, PlacedFrame], owners: Owners, canvas: PanoramaCanvas) -> Image:
-    """Blend frames into an image.
+    """Return the image blended from frames, (bottom - top, width, 3); black outside of all frames.
 
     `owners` has the number of the frame that provides each pixel, -1 for none, (height, width).
-
-    Returns:
-        The image, (bottom - top, width, 3); black outside of all frames.
     """
     bands = _bands(views, canvas)
     pad = 2 ** (bands + _PAD_BANDS) if canvas.is_closed else 0

@@ -72,11 +72,7 @@ def read_frames(folder: Path, step_rad: float | None = None, exclude: Collection
 
 
 def folders_of_robots(run: Path) -> list[Path]:
-    """Return the folders of the robots that saved frames in a run.
-
-    Raises:
-        ConfigError: there are none.
-    """
+    """Return the folders of the robots that saved frames in a run; raise ConfigError if there are none."""
     found = sorted(
         folder
         for folder in run.iterdir()
@@ -90,8 +86,7 @@ def folders_of_robots(run: Path) -> list[Path]:
 def save_panorama(panorama: Panorama, file: Path) -> None:
     """Write a panorama as PNG or JPEG, by the file's suffix; replace an existing file.
 
-    Raises:
-        ConfigError: the file cannot be written.
+    Raises ConfigError if the file cannot be written.
     """
     done, content = cv2.imencode(file.suffix, cv2.cvtColor(panorama.image, cv2.COLOR_RGB2BGR))
     with writing(file):

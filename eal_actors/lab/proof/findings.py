@@ -23,8 +23,7 @@ _RECORDED_S: Final = 600.0
 def keep_finding(content: Content, comments: Sequence[str], worker: TrialWorker, folder: Path) -> None:
     """Write the least fleet file of a finding, with comments at its head, and record one run with it in a new folder.
 
-    Raises:
-        OSError: a file cannot be written.
+    Raises OSError if a file cannot be written.
     """
     folder.mkdir(parents=True)
     write_fleet(content, comments, folder / LEAST_FLEET)

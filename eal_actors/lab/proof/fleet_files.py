@@ -109,20 +109,12 @@ def with_plan(robot: Mapping[str, Any], instance: str, plan: Sequence[Mapping[st
 
 
 def load_content(content: Content, source: Path) -> FleetConfig:
-    """Return a fleet; python steps are found beside its source.
-
-    Raises:
-        ConfigError: the content is invalid.
-    """
+    """Return a fleet; python steps are found beside its source; raise ConfigError if the content is invalid."""
     return replace(EALConfigManager.of(content, name=str(content["name"])).fleet, source=source)
 
 
 def write_fleet(content: Content, comments: Iterable[str], file: Path) -> None:
-    """Write a fleet file that begins with comments.
-
-    Raises:
-        OSError: it cannot be written.
-    """
+    """Write a fleet file that begins with comments; raise OSError if it cannot be written."""
     head = "".join(f"# {line}\n" for comment in comments for line in comment.splitlines())
     text = yaml.safe_dump(dict(content), sort_keys=False, allow_unicode=True, width=120)
     file.write_text(head + text, encoding="utf-8")

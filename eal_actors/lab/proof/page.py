@@ -38,11 +38,7 @@ class MatrixRow:
 
 
 def render_proof(proof: Proof) -> str:
-    """Return the page.
-
-    Raises:
-        UnsupportedError: Jinja is not installed.
-    """
+    """Return the page; raise UnsupportedError if Jinja is not installed."""
     links = _links(proof)
     return page_template(_TEMPLATE, "eal_actors.lab.proof").render(
         proof=proof,

@@ -77,11 +77,7 @@ class SweepFolder:
         return directory
 
     def result(self, job: SweepJob, scenario: Scenario) -> SweepResult:
-        """Return the result of a finished run.
-
-        Raises:
-            ScenarioError: the run's record is broken.
-        """
+        """Return the result of a finished run; raise ScenarioError if the run's record is broken."""
         return read_result(job, RunFolder.open(self.directory_of(job)), scenario)
 
     def _require_same(self, sweep: Sweep, before: dict[str, Any]) -> None:

@@ -36,10 +36,7 @@ def draw_sweep(results: Sequence[SweepResult], scenario: Scenario, file: Path) -
     """Draw a panel for the duration and for each numeric variable, with a line for each choice of the other parameters.
 
     With several seeds, the line is their median, and the band spans minimum to maximum. Runs that are not done are left
-    out.
-
-    Returns:
-        The file; None if there is nothing to draw, or if matplotlib is not installed, which is logged.
+    out. Return the file; None if there is nothing to draw, or if matplotlib is not installed, which is logged.
     """
     done = [result for result in results if result.outcome == "done"]
     measures = _measures(done)

@@ -48,11 +48,7 @@ class SweepResult:
 
 
 def read_result(job: SweepJob, folder: RunFolder, scenario: Scenario) -> SweepResult:
-    """Return the result of a run that has ended.
-
-    Raises:
-        ScenarioError: the run's record is broken.
-    """
+    """Return the result of a run that has ended; raise ScenarioError if the run's record is broken."""
     report = folder.summary
     if report is None:
         return SweepResult(job, CRASHED, error="has no summary")
@@ -87,10 +83,8 @@ def _unwrap_reading(value: Any) -> Any:
 def write_csv(results: Sequence[SweepResult], scenario: Scenario, file: Path) -> None:
     """Write the table: varied parameters, seed, outcome, duration_s, each `expect`, variables, error, folder.
 
-    An `expect` is `passed` if it held every time, else `failed`; its cell is empty if it was never reached.
-
-    Raises:
-        OSError: the file cannot be written.
+    An `expect` is `passed` if it held every time, else `failed`; its cell is empty if it was never reached. Raises
+    OSError if the file cannot be written.
     """
     parameters = list(results[0].job.varied) if results else []
     expects = scenario.expectations()
@@ -120,8 +114,7 @@ def _cell(value: object) -> str:
 def write_junit(results: Iterable[SweepResult], name: str, file: Path) -> None:
     """Write a test case for each run: a failure if it is not good, an error if it did not end.
 
-    Raises:
-        OSError: the file cannot be written.
+    Raises OSError if the file cannot be written.
     """
     rows = list(results)
     suites = Xml.Element("testsuites")

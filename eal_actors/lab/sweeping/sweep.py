@@ -60,11 +60,7 @@ class Sweep:
         return math.prod(len(variation.values) for variation in self.variations) * len(self.seeds)
 
     def jobs(self) -> Iterator[SweepJob]:
-        """Yield all runs; seeds change fastest, then the last parameter.
-
-        Raises:
-            ConfigError: a value is not valid for its parameter.
-        """
+        """Yield all runs; seeds change fastest, then the last parameter; raise ConfigError if a value is not valid."""
         names = [variation.name for variation in self.variations]
         for values in itertools.product(*(variation.values for variation in self.variations)):
             varied = dict(zip(names, values, strict=True))

@@ -59,11 +59,7 @@ def read_variations(scenario: Scenario, texts: Sequence[str], most: int) -> tupl
 
 
 def read_seeds(text: str, most: int) -> tuple[int, ...]:
-    """Parse seeds such as `1:20`, `1,5,9`, `7` or `1:5,9`.
-
-    Raises:
-        ValueError: the text is malformed, or has more seeds than `most`.
-    """
+    """Parse seeds such as `1:20`, `1,5,9`, `7` or `1:5,9`; raise ValueError if they are malformed, or over `most`."""
     seeds: list[int] = []
     for part in text.split(","):
         first, colon, last = (item.strip() for item in part.partition(":"))

@@ -43,11 +43,7 @@ class SweepWorker:
     _loaded: tuple[Scenario, FleetConfig] | None = None
 
     def __call__(self, task: SweepTask) -> None:
-        """Run the scenario once.
-
-        Raises:
-            EALError: the run could not start.
-        """
+        """Run the scenario once; raise EALError if the run could not start."""
         self._loaded = loaded, fleet_config = self._loaded or self._load()
         scenario = with_parameters(loaded, task.parameters)
         bound = bound_robots(scenario, fleet_config)

@@ -43,34 +43,18 @@ class StepAction:
     path: str | None = None
 
     def attempt(self) -> Coroutine:
-        """Perform the step once.
-
-        Raises:
-            EALError: the attempt failed.
-        """
+        """Perform the step once; raise EALError if the attempt failed."""
         return self._work(self)
 
     def read(self, value: object) -> Generator[Future[Any], None, Namespace]:
-        """Return the namespace for the `${...}` in a value.
-
-        Raises:
-            EALError: a reading failed.
-        """
+        """Return the namespace for the `${...}` in a value; raise EALError if a reading failed."""
         return self.evaluate(expressions_in(value))
 
     def evaluate(self, expressions: Iterable[Expression]) -> Generator[Future[Any], None, Namespace]:
-        """Return the namespace for expressions.
-
-        Raises:
-            EALError: a reading failed.
-        """
+        """Return the namespace for expressions; raise EALError if a reading failed."""
         return self.run.read(self.context, expressions, path=self.path)
 
     def number(self, value: object, wanted: Wanted, what: str) -> Generator[Future[Any], None, float]:
-        """Return a number that may be an expression.
-
-        Raises:
-            EALError: a reading failed, or the number is out of its range.
-        """
+        """Return a number that may be an expression; raise EALError if a reading failed or it is out of range."""
         names = yield from self.read(value)
         return checked_number(render(value, names), wanted, what)

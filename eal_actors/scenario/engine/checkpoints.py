@@ -77,8 +77,7 @@ def make_checkpoint(run: RunContext, next_step: int, time_s: float) -> Checkpoin
 def restore(run: RunContext, resumption: Resumption) -> None:
     """Restore the state of the last checkpoint; robots that had left stay away.
 
-    Raises:
-        ScenarioError: a required robot is missing.
+    Raises ScenarioError if a required robot is missing.
     """
     for role, seats in resumption.slots.items():
         slots = []

@@ -249,8 +249,7 @@ class RunContext:
     ) -> Generator[Future[Any], None, bool]:
         """Wait for a future for a limited time, not counting pauses; return whether it is done.
 
-        Raises:
-            CallCancelledError: the run, the task or the robot was stopped.
+        Raises CallCancelledError if the run, the task or the robot was stopped.
         """
         end_s = self.pauses.active_s() + timeout_s
         while not future.done():
@@ -269,11 +268,7 @@ class RunContext:
         return True
 
     def sleep(self, context: ExecutionContext, duration_s: float) -> Coroutine:
-        """Wait for a time.
-
-        Raises:
-            CallCancelledError: the run, the task or the robot was stopped.
-        """
+        """Wait for a time; raise CallCancelledError if the run, the task or the robot was stopped."""
         future = self.loop.sleep(duration_s)
         yield from self.wait(context, future)
         future.get()
@@ -293,12 +288,9 @@ class RunContext:
     def read(
         self, context: ExecutionContext, expressions: Iterable[Expression], *, path: str | None = None
     ) -> Generator[Future[Any], None, Namespace]:
-        """Call the robot for the readings in expressions; return their namespace.
+        """Call the robot for the readings in expressions; return their namespace; raise EALError if a reading failed.
 
         With a path, the values are kept in the record under it, and those of an interrupted run are taken.
-
-        Raises:
-            EALError: a reading failed.
         """
         wanted = dict.fromkeys(reading for expression in expressions for reading, _ in expression.readings)
         if not wanted:
@@ -338,8 +330,7 @@ class RunContext:
     def assign(self, context: ExecutionContext, name: str | None, value: object) -> None:
         """Assign a variable, if there is a name: of the slot inside an `on`, of the run outside.
 
-        Raises:
-            WorkLimitError: the variables of the run are too large together.
+        Raises WorkLimitError if the variables of the run are too large together.
         """
         frame, slot = context.frame, context.slot
         if name is not None:
@@ -348,11 +339,7 @@ class RunContext:
             variables[name] = value
 
     def keep(self, variables: Mapping[str, object]) -> None:
-        """Count the parameters of a scenario that begins.
-
-        Raises:
-            WorkLimitError: the variables of the run are too large together.
-        """
+        """Count the parameters of a scenario that begins; raise WorkLimitError if the run's variables are too large."""
         self._keep(sum(map(size_of, variables.values())))
 
     def forget(self, frame: Frame) -> None:

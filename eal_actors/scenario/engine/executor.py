@@ -144,8 +144,7 @@ def perform_within(
 class StepGroup:
     """Tasks that begin together, and that another task waits for. `until` is `all`, `first` or a signal.
 
-    Attributes:
-        late: the robots that were at work when the time was up; None if the tasks ended in time.
+    `late` are the robots that were at work when the time was up; None if the tasks ended in time.
     """
 
     def __init__(self, run: RunContext, context: ExecutionContext, until: str, timeout_s: float | None = None) -> None:

@@ -236,8 +236,7 @@ class ExecutionContext:
     def required_robot(self) -> Participant:
         """The robot that is in the slot now, for steps that need one.
 
-        Raises:
-            ScenarioError: there is no slot; the loader refuses such files.
+        Raises ScenarioError if there is no slot; the loader refuses such files.
         """
         if self.slot is None:
             raise ScenarioError("the step needs a robot, but is outside of 'on'")

@@ -55,8 +55,7 @@ class PastSteps:
     def of(cls, resumption: Resumption, plan: Plan, fleet: Fleet) -> PastSteps:
         """Read the record since its last checkpoint.
 
-        Raises:
-            ScenarioError: a step that was under way must not be repeated, or the record is not enough to continue.
+        Raises ScenarioError if a step that was under way must not be repeated, or the record is not enough to continue.
         """
         past, reader = cls(), _RecordJudge(resumption, plan, fleet)
         for event in resumption.since:

@@ -116,8 +116,7 @@ class Run:
     def start(self) -> Future[Report]:
         """Start the run. The future is done when everything is over, with success whatever the run's outcome.
 
-        Raises:
-            ScenarioError: it was started before, or the directory cannot be written or holds a run already.
+        Raises ScenarioError if it was started before, or the directory cannot be written or holds a run already.
 
         Thread: any, once; does not block.
         """
@@ -142,8 +141,7 @@ class Run:
     def start_s(self) -> float:
         """Its start, in seconds of the fleet's clock: the zero of its events and records.
 
-        Raises:
-            ScenarioError: it was not started.
+        Raises ScenarioError if it was not started.
         """
         if not self._wall_started:
             raise ScenarioError("this run was not started")

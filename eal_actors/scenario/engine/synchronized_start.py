@@ -102,8 +102,7 @@ def join_start(
 ) -> Generator[Future[Any], None, SynchronizedStart | None]:
     """Meet the other robots of the `on`, and agree on a time; None in `finally`, where robots do not meet.
 
-    Raises:
-        CallCancelledError: the run, the task or the robot was stopped.
+    Raises CallCancelledError if the run, the task or the robot was stopped.
     """
     if context.is_finally:
         return None

@@ -40,8 +40,7 @@ class Binding:
 def find_candidates(scenario: Scenario, fleet: FleetConfig, wishes: Wishes | None = None) -> dict[str, tuple[str, ...]]:
     """Return the robots that fit each role by name, tag and type, from the fleet file alone.
 
-    Raises:
-        ConfigError: a role names robots that the fleet does not have, or needs more than it has.
+    Raises ConfigError if a role names robots that the fleet does not have, or needs more than it has.
     """
     found, problems = match_roles(scenario, fleet, wishes)
     if problems:

@@ -78,11 +78,7 @@ def is_scenario_file(path: Path) -> bool:
 
 
 def find_fleet_beside(path: Path) -> Path:
-    """Return the fleet file of a scenario: `<scenario>.fleet.yaml` or `fleet.yaml` in its folder.
-
-    Raises:
-        ArgumentError: there is neither.
-    """
+    """Return `<scenario>.fleet.yaml` or `fleet.yaml` in the folder of a scenario; raise ArgumentError without both."""
     beside = [path.with_name(f"{path.stem}.fleet.yaml"), path.with_name("fleet.yaml")]
     found = next((file for file in beside if file.is_file()), None)
     if found is None:
@@ -108,8 +104,7 @@ def scenario_schema() -> dict[str, Any]:
 class _Loader:
     """Reads one scenario and those inside it, each file once.
 
-    Attributes:
-        salvaged: of the last file with problems, the rest, and whether a problem is not due to what was removed.
+    `salvaged` is the rest of the last file with problems, and whether a problem is not due to what was removed.
     """
 
     def __init__(self) -> None:

@@ -123,8 +123,7 @@ def _sole_name(value: object) -> str | None:
 def with_parameters(scenario: Scenario, given: Mapping[str, object]) -> Scenario:
     """Return a scenario with other values of its parameters.
 
-    Raises:
-        ConfigError: an unknown parameter, or a value that is not allowed.
+    Raises ConfigError if a parameter is unknown, or a value is not allowed.
     """
     return set_parameters(scenario, {**scenario.parameters, **given}) if given else scenario
 
@@ -132,8 +131,7 @@ def with_parameters(scenario: Scenario, given: Mapping[str, object]) -> Scenario
 def set_parameters(scenario: Scenario, given: Mapping[str, object]) -> Scenario:
     """Return a scenario with these values of its parameters, and the defaults of all others.
 
-    Raises:
-        ConfigError: see `with_parameters`.
+    Raises ConfigError as `with_parameters` does.
     """
     values: dict[str, object] = {}
     problems = []
@@ -180,10 +178,8 @@ def missing_parameters(file: ScenarioFile, values: Mapping[str, object], tree: Y
 def read_settings(file: ScenarioFile, settings: Sequence[str]) -> dict[str, Any]:
     """Return the values of `name=value` texts from a command line.
 
-    A value that cannot be read as the parameter's type stays a text, which `set_parameters` refuses.
-
-    Raises:
-        ValueError: a text without `=`, or a name twice.
+    A value that cannot be read as the parameter's type stays a text, which `set_parameters` refuses. Raise ValueError
+    if a text has no `=`, or a name comes twice.
     """
     values: dict[str, Any] = {}
     for setting in settings:

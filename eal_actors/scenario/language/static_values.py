@@ -105,8 +105,7 @@ class StaticValues:
     def combinations(self, expressions: Iterable[Expression]) -> Iterator[Namespace]:
         """Yield the values of the variables of some expressions, once for each combination that reaches them.
 
-        Raises:
-            TooManyCombinationsError: there are more than MAX_COMBINATIONS.
+        Raises TooManyCombinationsError if there are more than MAX_COMBINATIONS.
         """
         loops, _ = self._closure({name.name for expression in expressions for name in expression.names})
         used = [loop for loop in loops if loop.values is not None]

@@ -119,11 +119,7 @@ def number_problem(value: object, wanted: Wanted) -> str | None:
 
 
 def checked_number(value: object, wanted: Wanted, what: str) -> float:
-    """Return a number that was computed during the run.
-
-    Raises:
-        ScenarioError: the value is outside of the wanted range.
-    """
+    """Return a number that was computed during the run; raise ScenarioError if it is out of the wanted range."""
     if (problem := number_problem(value, wanted)) is not None:
         raise ScenarioError(f"{what} {problem}")
     return value  # type: ignore[return-value]  # it is a number

@@ -236,9 +236,8 @@ class RunResumed(RunEvent, kind="run_resumed"):
 class RunEnded(RunEvent, kind="run_ended"):
     """The run has ended, and all actuators were halted.
 
-    Attributes:
-        report: the whole report; its line in `events.jsonl` leaves out the steps and starts, which have lines of their
-            own, and the wall time, so that the events of a run that repeats are the same.
+    The line of the report in `events.jsonl` leaves out the steps and starts, which have lines of their own, and the
+    wall time, so that the events of a run that repeats are the same.
     """
 
     report: Report

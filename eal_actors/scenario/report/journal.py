@@ -61,11 +61,7 @@ class Journal:
             raise ScenarioError(f"the run's folder {directory} cannot be written: {error}") from error
 
     def write(self, event: RunEvent) -> None:
-        """Write an event, then call the listeners.
-
-        Raises:
-            OSError: it could not be written; later events are not written either.
-        """
+        """Write an event, then call the listeners; after an OSError, which it raises, later events are not written."""
         try:
             if self._stream is not None:
                 try:
@@ -87,11 +83,7 @@ class Journal:
             get_logger().exception("a listener raised; it is removed", listener=repr(listener))
 
     def write_summary(self, report: Report) -> None:
-        """Write the summary atomically.
-
-        Raises:
-            OSError: it could not be written.
-        """
+        """Write the summary atomically; raise OSError if it could not be written."""
         if self._directory is None:
             return
         unfinished = self._directory / f"{SUMMARY}.tmp"
@@ -135,11 +127,7 @@ def hold_record(directory: Path) -> Iterator[None]:
 
 
 def is_under_way(directory: Path) -> bool:
-    """Return whether a process writes the record of a run.
-
-    Raises:
-        OSError: the record cannot be opened.
-    """
+    """Return whether a process writes the record of a run; raise OSError if the record cannot be opened."""
     with (directory / EVENTS).open("r+", encoding="utf-8") as stream:
         try:
             posix.lock(stream)
@@ -151,11 +139,7 @@ def is_under_way(directory: Path) -> bool:
 
 
 def cut_half_line(path: Path) -> None:
-    """Remove an incomplete last line, which a crash has left.
-
-    Raises:
-        OSError: the file cannot be changed.
-    """
+    """Remove an incomplete last line, which a crash has left; raise OSError if the file cannot be changed."""
     with path.open("rb+") as stream:
         content = stream.read()
         stream.truncate(content.rfind(b"\n") + 1)

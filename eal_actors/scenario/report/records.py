@@ -43,11 +43,7 @@ def to_view(value: object) -> Any:
 
 
 def from_record(value: Any) -> Any:
-    """Return the value of the result of `to_record`.
-
-    Raises:
-        DataError: it is no such result.
-    """
+    """Return the value of the result of `to_record`; raise DataError if it is no such result."""
     if isinstance(value, dict):
         if set(value) == {_DATA}:
             return EALData.of(from_record(value[_DATA]))
@@ -99,11 +95,7 @@ def plain_json(value: Any) -> Any:
 def as_json(
     value: Any, *, indent: int | None = None, separators: tuple[str, str] | None = None, ensure_ascii: bool = True
 ) -> str:
-    """Return a value as strict JSON; the options are those of `json.dumps`.
-
-    Raises:
-        TypeError: it has no form in JSON, such as bytes.
-    """
+    """Return a value as strict JSON, with options of `json.dumps`; raise TypeError if it has no form, like bytes."""
     return json.dumps(
         plain_json(value), indent=indent, separators=separators, ensure_ascii=ensure_ascii, allow_nan=False
     )

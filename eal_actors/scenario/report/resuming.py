@@ -48,11 +48,7 @@ class Resumption:
     since: tuple[Mapping[str, Any], ...] = ()
 
     def require_safe(self, scenario: Scenario) -> None:
-        """Check that the scenario is unchanged, and that it does not forbid to repeat the step of the interruption.
-
-        Raises:
-            ScenarioError: one of these does not hold.
-        """
+        """Raise ScenarioError if the scenario has changed, or forbids to repeat the step of the interruption."""
         if scenario_hash(scenario) != self.started["scenario_hash"]:
             raise ScenarioError(
                 f"{scenario.source} has changed since the run in {self.directory} began; start a new run"
@@ -72,8 +68,7 @@ class Resumption:
 def read_run(directory: Path) -> Resumption:
     """Read the folder of an interrupted run.
 
-    Raises:
-        ScenarioError: there is no such run, it has ended, or it cannot be resumed.
+    Raises ScenarioError if there is no such run, it has ended, or it cannot be resumed.
     """
     if (directory / SUMMARY).exists():
         raise ScenarioError(f"the run in {directory} has ended; only an interrupted run can be resumed")

@@ -120,11 +120,7 @@ class FallibleStep(FallibleModel, StepKind):
         return f"{self.kind} {short_number(getattr(self, self.kind))}"
 
     def attempt(self, action: StepAction) -> Coroutine:
-        """Perform the step once.
-
-        Raises:
-            EALError: the attempt failed.
-        """
+        """Perform the step once; raise EALError if the attempt failed."""
         raise NotImplementedError
 
     @override
@@ -154,8 +150,7 @@ class TimedStep(LimitedStep):
     def deadline_s(self, context: ExecutionContext, names: Namespace) -> float | None:
         """Return the deadline of each attempt, or None for the fleet's own.
 
-        Raises:
-            ScenarioError: it is an expression, and its value is not a number over 0.
+        Raises ScenarioError if it is an expression, and its value is not a number over 0.
         """
         if self.timeout_s is None:
             return context.frame.timeout_s

@@ -79,11 +79,7 @@ class CallStep(TimedStep):
         return {name: getattr(arguments, name) for name in type(arguments).model_fields if name != "resource"}
 
     def resolved_fields(self, names: Namespace) -> dict[str, Any]:
-        """Return the arguments of the method's call, with the expressions evaluated.
-
-        Raises:
-            ScenarioError: as for `render`.
-        """
+        """Return the arguments of the method's call, with the expressions evaluated; raise as `render` does."""
         return {
             name: render_text(value, names) if name in TEXT_FIELDS else render(value, names)
             for name, value in self.fields().items()
@@ -92,11 +88,7 @@ class CallStep(TimedStep):
     def begin(
         self, run: RunContext, robot: Participant, resource: str, fields: Mapping[str, Any], timeout_s: float | None
     ) -> Future[Any]:
-        """Begin the call and return its answer.
-
-        Raises:
-            EALError: the robot has no such resource, or the arguments are wrong.
-        """
+        """Begin the call and return its answer; raise EALError without the resource, or for wrong arguments."""
         answer: Future[Any] = getattr(robot.handle[resource], self.method)(**fields, timeout_s=timeout_s)
         return answer
 

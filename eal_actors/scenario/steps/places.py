@@ -24,11 +24,7 @@ Place: TypeAlias = str | tuple[float, ...]
 
 
 def place_of(value: object) -> Place:
-    """Return a value of an expression as a place.
-
-    Raises:
-        ScenarioError: it is none.
-    """
+    """Return a value of an expression as a place; raise ScenarioError if it is none."""
     if isinstance(value, str) and value:
         return value
     if isinstance(value, list | tuple) and len(value) in (2, 3):
@@ -37,11 +33,7 @@ def place_of(value: object) -> Place:
 
 
 def number_of(value: object, what: str) -> float:
-    """Return a value of an expression as a finite number.
-
-    Raises:
-        ScenarioError: it is none.
-    """
+    """Return a value of an expression as a finite number; raise ScenarioError if it is none."""
     try:
         number = float(value)  # type: ignore[arg-type]  # of a number, also of numpy; anything else raises
     except (TypeError, ValueError):
@@ -52,11 +44,7 @@ def number_of(value: object, what: str) -> float:
 
 
 def places_of(values: object) -> list[Place]:
-    """Return values of expressions as places.
-
-    Raises:
-        ScenarioError: they are no list, or one is no place.
-    """
+    """Return values of expressions as places; raise ScenarioError if they are no list, or one is no place."""
     if not isinstance(values, list | tuple):
         raise ScenarioError(f"places must be a list, not {short_value(values)}")
     return [place_of(value) for value in values]
@@ -70,8 +58,7 @@ def place_words(place: Place) -> str:
 def begin_trip(run: RunContext, robot: RobotHandle, place: Place, timeout_s: float | None) -> Future[int]:
     """Send a robot to a place, planned with all others that are on their way; see `Fleet.go_to`.
 
-    Raises:
-        EALError: the place is unknown, or the robot cannot drive.
+    Raises EALError if the place is unknown, or the robot cannot drive.
     """
     journey = run.fleet.go_to({robot: place}, timeout_s=timeout_s or JOURNEY_TIMEOUT_S)
     return journey.arrivals[robot.name]

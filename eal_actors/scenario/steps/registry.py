@@ -18,8 +18,7 @@ from eal_actors.scenario.language.scenario import Step
 def register(kind: type[Step]) -> None:
     """Add a kind that is defined outside of this package. Call it before the first scenario is read.
 
-    Raises:
-        ValueError: there is another kind of this name.
+    Raises ValueError if there is another kind of this name.
     """
     if kinds().setdefault(kind.kind, kind) is not kind:
         raise ValueError(f"there is a step kind '{kind.kind}' already")

@@ -216,8 +216,7 @@ class BlockedActor(Exception):  # noqa: N818  # ends a check, and never leaves t
 def wait_until_started(handle: ResourceHandle, what: str) -> None:
     """Wait until the resource has started the previous command, named `what` in messages.
 
-    Raises:
-        BlockedActor: the command blocks the actor.
+    Raises BlockedActor if the command blocks the actor.
 
     Thread: blocks the caller.
     """

@@ -49,8 +49,7 @@ class EmulatedDevice:
 def emulate_device(manifest: PluginManifest, settings: Mapping[str, Any]) -> EmulatedDevice | None:
     """Return the emulator of a plugin's device; None if there is none, or the settings name a device themselves.
 
-    Raises:
-        PluginError: the declared emulator does not work.
+    Raises PluginError if the declared emulator does not work.
     """
     section = manifest.file.emulator
     if section is None or section.wire is None or section.settings.keys() & settings.keys():

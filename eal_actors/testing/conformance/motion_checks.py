@@ -14,10 +14,8 @@ from eal_actors.testing.conformance.values import lasting_argument
 def start_command(handle: ResourceHandle, command: CommandInfo, findings: Findings) -> Future[int] | None:
     """Start a command with a valid argument; return None if no argument can be chosen.
 
-    A command that fails by itself is a problem; a model that allows less than its type is not.
-
-    Raises:
-        BlockedActor: the command blocks the resource's actor.
+    A command that fails by itself is a problem; a model that allows less than its type is not. Raises BlockedActor if
+    the command blocks the resource's actor.
 
     Thread: blocks the caller until the resource has started the command.
     """
@@ -35,8 +33,7 @@ def start_command(handle: ResourceHandle, command: CommandInfo, findings: Findin
 def start_lasting_command(handle: ResourceHandle, findings: Findings) -> Future[int] | None:
     """Start the first command that still runs after its first step; return None if there is none.
 
-    Raises:
-        BlockedActor: a command blocks the resource's actor.
+    Raises BlockedActor if a command blocks the resource's actor.
 
     Thread: blocks the caller until the resource has started the command.
     """

@@ -83,10 +83,7 @@ CHECKS: Final = (
 
 
 def run_check(check: Check, bench: Bench) -> CheckResult:
-    """Run one check in its own fleet.
-
-    Raises:
-        ConfigError: the plugin's manifest or the settings are wrong.
+    """Run one check in its own fleet; raise ConfigError if the plugin's manifest or the settings are wrong.
 
     Thread: blocks the caller; actuators move for a moment.
     """

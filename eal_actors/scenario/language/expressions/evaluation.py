@@ -61,12 +61,8 @@ class WorkLimitError(ScenarioError):
 class WorkBudget:
     """The work that the expressions of a check or a run may do together.
 
-    Args:
-        purpose: names the expressions in messages, such as `the expressions of this run`.
-        earned: returns additional work that is allowed by now.
-
-    Attributes:
-        spent: the work so far.
+    `purpose` names the expressions in messages, such as `the expressions of this run`; `earned` returns additional work
+    that is allowed by now; `spent` is the work so far.
     """
 
     def __init__(self, purpose: str, limit: int, earned: Callable[[], float] = lambda: 0.0) -> None:
@@ -118,11 +114,7 @@ def size_of(value: object, limit: int = MAX_SIZE) -> int:
 
 
 def require_small(value: object, what: str) -> None:
-    """Check the size of a value.
-
-    Raises:
-        WorkLimitError: it is too large.
-    """
+    """Raise WorkLimitError if a value is too large."""
     if size_of(value) > MAX_SIZE:
         raise WorkLimitError(
             f"{what} has more than {MAX_SIZE} items and characters, or lists nested more than {MAX_LEVELS} levels deep"
@@ -190,8 +182,7 @@ def _reason(error: Exception) -> str:
 def to_plain(value: object, what: str) -> Any:
     """Return a value as expressions use it: numbers, texts and lists, without EALData and arrays.
 
-    Raises:
-        ScenarioError: it is too large.
+    Raises ScenarioError if it is too large.
     """
     inner = value.value if isinstance(value, EALData) else value
     if hasattr(inner, "tolist"):
@@ -294,8 +285,7 @@ def render(value: object, names: Namespace) -> object:
 def render_text(text: str, names: Namespace) -> str:
     """Return a text with its expressions evaluated: always a text, even if it is one `${...}`.
 
-    Raises:
-        ScenarioError: as for `render`.
+    Raises ScenarioError as `render` does.
     """
     if "${" not in text:
         return text
@@ -332,8 +322,7 @@ def parse_bare(text: str) -> tuple[Expression, int]:
 def evaluate_bare(value: object, names: Namespace) -> Any:
     """Return the value of an expression without `${}`, or of a list of them; other values are returned as they are.
 
-    Raises:
-        ScenarioError: as for `evaluate`.
+    Raises ScenarioError as `evaluate` does.
     """
     if isinstance(value, tuple | list):
         found = [evaluate_bare(item, names) for item in value]
