@@ -90,10 +90,10 @@ def paint(image: Image, layers: Sequence[Layer]) -> None:
     fine_tops, fine_bottoms = tops.astype(np.float32), bottoms.astype(np.float32)  # numpy is faster with them
     for layer, start, extent in zip(layers, starts, extents, strict=True):
         part = slice(start, start + len(layer.tops))
-        _Painter(layer, fine_tops[part], fine_bottoms[part], extent).paint(image)
+        _LayerPainter(layer, fine_tops[part], fine_bottoms[part], extent).paint(image)
 
 
-class _Painter:
+class _LayerPainter:
     """Paints a layer.
 
     Args:

@@ -25,7 +25,7 @@ from .texture import PAD, Image, Mipmap
 _WIDEST_RAD = math.radians(89.0)
 
 
-class _Span(NamedTuple):
+class _DrumSpan(NamedTuple):
     """The columns of a drum in the image, and what does not change from one to the next."""
 
     first: int
@@ -55,7 +55,7 @@ class _Outline(NamedTuple):
         across: rows of the texture for each row of the image.
     """
 
-    span: _Span
+    span: _DrumSpan
     level: tuple[int, int]
     tops: NDArray[np.float64]
     bottoms: NDArray[np.float64]
@@ -81,7 +81,7 @@ def _stacked(eye: Eye, drums: Sequence[tuple[Drum, _Outline | None]]) -> Iterato
         yield _side(eye, drum, outline)
 
 
-def _span(eye: Eye, drum: Drum) -> _Span | None:
+def _span(eye: Eye, drum: Drum) -> _DrumSpan | None:
     right_m, ahead_m = eye.seen(drum.middle)
     distance_m = math.hypot(right_m, ahead_m)
     if distance_m <= drum.radius_m:
@@ -97,7 +97,7 @@ def _span(eye: Eye, drum: Drum) -> _Span | None:
     first, last = math.floor(max(left, 0.0) + 0.5), math.floor(min(right, end - 0.5) + 0.5)
     shares = 1.0 if left < -0.5 else first + 0.5 - left, 1.0 if right > end else min(1.0, right - max(last - 0.5, left))
     tangent_m2 = distance_m**2 - drum.radius_m**2
-    return _Span(first, last - first + 1, shares, lowest, highest, right_m, ahead_m, tangent_m2)
+    return _DrumSpan(first, last - first + 1, shares, lowest, highest, right_m, ahead_m, tangent_m2)
 
 
 def _outlines(eye: Eye, drums: Sequence[Drum]) -> list[_Outline | None]:
@@ -108,7 +108,7 @@ def _outlines(eye: Eye, drums: Sequence[Drum]) -> list[_Outline | None]:
     return [None if span is None else next(found) for span in spans]
 
 
-def _in_columns(eye: Eye, seen: Sequence[tuple[Drum, _Span]]) -> Iterator[_Outline]:
+def _in_columns(eye: Eye, seen: Sequence[tuple[Drum, _DrumSpan]]) -> Iterator[_Outline]:
     """Yield the outlines of drums in the image."""
     counts = [padded(span.columns) for _, span in seen]
     starts = [0, *itertools.accumulate(counts)]
