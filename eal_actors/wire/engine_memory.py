@@ -40,10 +40,7 @@ def limit_heaps() -> None:
 
 
 def return_buffers() -> None:
-    """Return large buffers to the system soon, in a process that listens: strangers choose the sizes of its messages.
-
-    Thread: any.
-    """
+    """Return large buffers to the system soon, where strangers choose the sizes of messages. Thread: any."""
     _set(_M_MMAP_THRESHOLD, _LARGE_BYTES)
     _set(_M_TRIM_THRESHOLD, _KEPT_BYTES)
 

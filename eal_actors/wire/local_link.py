@@ -65,10 +65,7 @@ class LocalLink:
         end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER_BYTES)
 
     def send(self, head: str, envelope: bytes, payload: Payload) -> bool:
-        """Send a message at once; return False if the other end has no room or has gone, or it is too long.
-
-        Its head is the key of a call, or the robot of a reply.
-        """
+        """Send a message at once, by a key or a robot; return False if there is no room for it, or nobody there."""
         packet = _pack((head, envelope, payload))
         if len(packet) > _MOST_BYTES:
             return False

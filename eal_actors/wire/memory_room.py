@@ -28,10 +28,7 @@ _PAGE: Final = os.sysconf("SC_PAGE_SIZE") if HAS_LIMITS else 0
 
 
 class MemoryRoom:
-    """Compares the memory of this process with its limits: of the process, of its cgroups, and of the machine.
-
-    Thread: one.
-    """
+    """Compares this process's memory with its own limits, those of its cgroups and the machine's. Thread: one."""
 
     def __init__(self) -> None:
         self._cgroup_bytes = min(_cgroup_limits(), default=None)

@@ -75,10 +75,7 @@ _SOURCE_PLACE: Final = re.compile(r" at /\S+")
 
 
 def robot_config(fleet: FleetConfig, robot: str) -> dict[str, Any]:
-    """Return the zenoh configuration of a robot; ConfigError if its keys are missing.
-
-    Raises ValueError if the robot has no address, so it runs in the controller's process.
-    """
+    """Return the zenoh configuration of a robot; ConfigError if its keys are missing, ValueError without an address."""
     network, entry = fleet.network, fleet.robots[robot]
     if entry.address is None:
         raise ValueError(f"the robot {robot!r} has no address")
@@ -96,9 +93,9 @@ def robot_config(fleet: FleetConfig, robot: str) -> dict[str, Any]:
 
 
 def controller_config(fleet: FleetConfig, robots: Iterable[str] | None = None) -> dict[str, Any]:
-    """Return the zenoh configuration of a controller; ConfigError if its keys are missing.
+    """Return the zenoh configuration of a controller of the remote ones among some robots, or all.
 
-    It reaches the named robots, all if None; those without an address are ignored.
+    Raises ConfigError if its keys are missing.
     """
     network = fleet.network
     remote = [name for name in (fleet.robots if robots is None else robots) if fleet.robots[name].address is not None]

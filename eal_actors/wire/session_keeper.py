@@ -37,12 +37,9 @@ _JOIN_S: Final = 3.0
 
 
 class SessionKeeper(EALActor):
-    """Owns the session of a robot or a router. Thread: an actor, which blocks while it opens a session.
+    """Owns the session of a robot or a router, whose certificate has its name; without security no keys are watched.
 
-    Args:
-        name: name of the certificate of this end.
-        network: the fleet's network; without security nothing is watched.
-        configure: returns the session's zenoh configuration.
+    Thread: an actor, which blocks while it opens a session.
     """
 
     def __init__(self, name: str, network: NetworkConfig, configure: Callable[[], dict[str, Any]]) -> None:

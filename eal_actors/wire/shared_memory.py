@@ -84,10 +84,7 @@ class MemoryOffer(NamedTuple):
 
 
 class SharedValue(NamedTuple):
-    """Place of a value of some bytes in shared memory; see MemoryOffer for `inode`.
-
-    `number` is the state of the slot while it holds the value.
-    """
+    """Place of a value in shared memory; `number` is the state of the slot while it holds the value."""
 
     inode: int
     slot: int
@@ -120,9 +117,9 @@ class _Mapping:
 
 
 class OwnedMemory:
-    """The controller's end: offers the memory, reads values and frees their slots. Thread: any.
+    """The controller's end: reads values of up to `value_bytes` and frees their slots. Thread: any.
 
-    Its slots have room for values of `value_bytes`. Raises OSError if the kernel gives no memory, or this is not Linux.
+    Raises OSError if the kernel gives no memory, or this is not Linux.
     """
 
     def __init__(self, value_bytes: int) -> None:

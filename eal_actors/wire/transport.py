@@ -43,7 +43,7 @@ _MAX_KEYS: Final = 4096
 class Transport:
     """Messages over one open session, which outlives it.
 
-    `is_relayed` is whether a router passes the messages on, and may drop those that are not vital.
+    If they are relayed, a router passes them on, and may drop those that are not vital.
     """
 
     def __init__(self, session: zenoh.Session) -> None:

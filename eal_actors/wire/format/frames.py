@@ -61,10 +61,8 @@ class StreamFrame:
 def encode_frame(frame: StreamFrame, encoding: Encoding, share: Share = lambda _: ()) -> tuple[bytes, Payload]:
     """Return a frame's envelope and payload, which is empty if all readers find it in shared memory.
 
-    Raises:
-        DataError: the value is larger than MAX_PAYLOAD_BYTES, or a field cannot be packed.
-        UnsupportedError: OpenCV is not installed.
-        ResourceFaultError: the value cannot be encoded in this way.
+    Raises DataError if the value is larger than MAX_PAYLOAD_BYTES, or a field cannot be packed, UnsupportedError if
+    OpenCV is not installed, and ResourceFaultError if the value cannot be encoded in this way.
     """
     content, payload = frame.content, cast("Payload", b"")
     kind, body = (_DATA, data_header(content)) if isinstance(content, EALData) else (_ERROR, error_body(content))
@@ -91,12 +89,7 @@ def shared_place(envelope: Buffer, client: str) -> SharedValue | None:
 
 
 def decode_frame(envelope: Buffer, payload: Buffer) -> StreamFrame:
-    """Return a frame with its image decoded.
-
-    Raises:
-        ProtocolError: the bytes are no frame of this version.
-        UnsupportedError: OpenCV is not installed.
-    """
+    """Return a frame with its image decoded; ProtocolError if it is none, UnsupportedError if OpenCV is missing."""
     _, kind, body, era, time_s, age_s, encoding = unpack_row(envelope, "frame", 7)
     if type(era) is not str or not _is_time(time_s) or not _is_time(age_s):
         raise ProtocolError(f"frame: {short_repr((era, time_s, age_s))} are no era, time and age")
@@ -146,9 +139,7 @@ def stream_request(spec: StreamSpec, lease_s: float) -> tuple[str | int, ...]:
 def parse_stream_request(arguments: tuple[Any, ...]) -> tuple[StreamSpec, float]:
     """Return the spec and the lease, in seconds, of a stream request.
 
-    Raises:
-        ProtocolError: the arguments are malformed.
-        ArgumentError: there is no such rate or encoding.
+    Raises ProtocolError if the arguments are malformed, and ArgumentError if there is no such rate or encoding.
     """
     if tuple(map(type, arguments)) != (str, str, int):
         raise ProtocolError(f"stream does not take the arguments {arguments!r}, but encoding, rate and lease")

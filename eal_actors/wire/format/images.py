@@ -46,9 +46,8 @@ def _opencv(encoding: str) -> Any:
 def encode_image(data: EALData, encoding: Encoding) -> bytes:
     """Return an image, uint8 of shape (height, width, 3) with red first, as a JPEG or PNG file.
 
-    Raises:
-        UnsupportedError: OpenCV is not installed.
-        ResourceFaultError: OpenCV cannot encode it, such as a JPEG with more than 65,500 rows.
+    Raises UnsupportedError if OpenCV is not installed, and ResourceFaultError if it cannot encode the image, such as a
+    JPEG with more than 65,500 rows.
     """
     cv2 = _opencv(encoding)
     if encoding == "jpeg":
@@ -67,9 +66,7 @@ def encode_image(data: EALData, encoding: Encoding) -> bytes:
 def decode_image(file: Payload, shape: tuple[int, ...], encoding: Encoding) -> memoryview:
     """Return the bytes of the image in a JPEG or PNG file, row by row, red first.
 
-    Raises:
-        UnsupportedError: OpenCV is not installed.
-        ProtocolError: the file is invalid, or the image has another shape.
+    Raises UnsupportedError if OpenCV is not installed, and ProtocolError if the file is invalid or has another shape.
     """
     cv2 = _opencv(encoding)
     import numpy as np

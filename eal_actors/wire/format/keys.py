@@ -98,10 +98,7 @@ class CallKey(NamedTuple):
 
 
 class CallRoute(NamedTuple):
-    """Where a received call goes and where its reply goes; see client_id for `client`.
-
-    `is_reading` is whether it calls a method of a resource that changes nothing.
-    """
+    """Where a received call and its reply go; see `client_id`. A reading changes nothing at its resource."""
 
     call: CallKey
     answer_key: str
@@ -183,10 +180,7 @@ def _branch_key(fleet: str, branch: str, *names: str | None) -> str:
 
 @lru_cache(maxsize=4096)
 def parse_robot(key: str) -> tuple[str, str]:
-    """Return the fleet and the robot of the key of a reply, an event or a token.
-
-    Raises ProtocolError if a name is missing or not spelt as in a key.
-    """
+    """Return the fleet and the robot of the key of a reply, event or token; ProtocolError if a name is malformed."""
     root, _, rest = key.partition("/")
     fleet, _, rest = rest.partition("/")
     if root != ROOT or not rest:
@@ -195,10 +189,7 @@ def parse_robot(key: str) -> tuple[str, str]:
 
 
 def parse_alive(key: str) -> tuple[str, str, int]:
-    """Return the fleet, the robot and the protocol version of the key of a liveliness token.
-
-    Raises ProtocolError if it is no such key.
-    """
+    """Return the fleet, the robot and the version of the key of a token; ProtocolError if it is no such key."""
     fleet, robot = parse_robot(key)
     _, _, *kind, _ = key.split("/")
     if len(kind) != 2 or kind[0] != ALIVE or not (kind[1].isascii() and kind[1].isdecimal()):

@@ -123,7 +123,7 @@ Answer: TypeAlias = int | EALData | EALError | dict[str, Any] | Accepted
 
 
 class RobotTime(NamedTuple):
-    """Reading of a robot's clock, in seconds; `era` is the run of its server.
+    """Reading of a robot's clock in one run of its server, in seconds.
 
     `began_s` is when the answered command began, by the same clock, if it had a start time.
     """
@@ -168,10 +168,7 @@ class Heartbeat:
 
 
 def encode_call(header: CallHeader, data: EALData | None = None) -> tuple[bytes, Payload]:
-    """Return a call's envelope and payload.
-
-    Raises DataError if the payload is larger than MAX_CALL_BYTES, or a field cannot be packed.
-    """
+    """Return a call's envelope and payload; DataError if this is over MAX_CALL_BYTES, or a field has no form."""
     client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, era, echo_s, held_s, has_more, traceparent = header
     about = None if data is None else data_header(data)
     row = [PROTOCOL_VERSION, packed_client(client), epoch, sequence, ttl_s, deadline_s, start_s, arguments, about]
@@ -274,10 +271,7 @@ def decode_reply(envelope: Buffer, payload: Buffer = _NO_PAYLOAD, take: TakeShar
 
 
 def encode_event(event: RobotEvent) -> tuple[bytes, Payload]:
-    """Return an event's envelope and payload.
-
-    Raises DataError if the payload is larger than MAX_PAYLOAD_BYTES, or a field cannot be packed.
-    """
+    """Return an event's envelope and payload; DataError if this is over MAX_PAYLOAD_BYTES, or a field has no form."""
     fields: dict[str, Any] = {"version": PROTOCOL_VERSION, "kind": event.kind, "stamp_s": event.stamp_s}
     payload: Payload = _NO_PAYLOAD
     if event.call is not None:

@@ -58,10 +58,7 @@ def pack(fields: object, what: str) -> bytes:
 
 
 def unpack_row(packed: Buffer, what: str, size: int) -> list[Any]:
-    """Return the first `size` fields of an envelope that is a list.
-
-    Raises ProtocolError if the bytes are no such envelope, or its first field is another version.
-    """
+    """Return the first `size` fields of an envelope that is a list; ProtocolError if it is none of this version."""
     return optional_row(unpack(packed, what), what, size, 0)
 
 
@@ -77,10 +74,7 @@ def optional_row(row: object, what: str, size: int, optional: int) -> list[Any]:
 
 
 def unpack_map(packed: Buffer, what: str) -> dict[str, Any]:
-    """Return the fields of an envelope that is a map.
-
-    Raises ProtocolError if the bytes are no such envelope, or its `version` is another one.
-    """
+    """Return the fields of an envelope that is a map; ProtocolError if it is none of this version."""
     fields = unpack(packed, what)
     if type(fields) is not dict:
         raise ProtocolError(f"{what}: the envelope is {short_repr(fields)}, not a map")
@@ -127,10 +121,7 @@ def data_header(data: EALData) -> tuple[Any, ...]:
 
 
 def data_from(header: object, payload: Buffer, what: str) -> EALData:
-    """Rebuild a value from its header and its payload, which is not copied and must not change afterwards.
-
-    Raises ProtocolError if the header is invalid, or does not fit the payload.
-    """
+    """Rebuild a value, whose payload is not copied and must not change; ProtocolError if the header does not fit it."""
     if type(header) is not list or len(header) != 5:
         header = checked_row(header, what, 5)
     name, shape, unit, frame_id, stamp_s = header
@@ -146,10 +137,7 @@ def data_from(header: object, payload: Buffer, what: str) -> EALData:
 
 
 def optional_data_from(header: object, payload: Buffer, what: str) -> EALData | None:
-    """Rebuild a value, or return None for a message without one: no header and an empty payload.
-
-    Raises ProtocolError if the header or the payload is invalid.
-    """
+    """Rebuild a value; None for a message without header and payload, ProtocolError if they are invalid."""
     if header is not None:
         return data_from(header, checked_payload(payload, what), what)
     if len(checked_payload(payload, what)):
@@ -178,10 +166,7 @@ def error_body(error: EALError) -> tuple[str | None, ...]:
 
 
 def error_from(body: object, what: str) -> EALError:
-    """Rebuild an error; an unknown code becomes an EALError with the code in its message.
-
-    Raises ProtocolError if the body is not an error.
-    """
+    """Rebuild an error, an EALError with the code in its message if that is unknown; ProtocolError if it is none."""
     code, message, robot, resource = checked_row(body, what, 4)
     names = (robot, resource)
     if type(code) is not str or type(message) is not str or any(type(n) not in (str, type(None)) for n in names):

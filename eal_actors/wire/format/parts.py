@@ -95,11 +95,8 @@ class PartStore:
     def add(self, key: str, envelope: Buffer, payload: Buffer) -> tuple[bytes, Payload] | None:
         """Add a part; return the envelope and the payload of its call if it is complete.
 
-        Later parts of a call that was refused are ignored.
-
-        Raises:
-            ProtocolError: it is no part.
-            BusyError: it is the first one, and other calls take the memory.
+        Later parts of a call that was refused are ignored. Raises ProtocolError if it is no part, and BusyError if it
+        is the first one, and other calls take the memory.
         """
         _, *fields = unpack_row(envelope, "part", 5)
         number, offset, total, envelope_bytes = (checked_count(field, "part") for field in fields)

@@ -72,10 +72,7 @@ def start_call(
     start_s: float | None = None,
     prepare: Callable[[Call[Any]], Relay] | None = None,
 ) -> Call[Any]:
-    """Call a resource for a controller; see ResourceHandle.start_call. Thread: any; does not block.
-
-    Raises ProtocolError if the method does not take such arguments.
-    """
+    """Call a resource for a controller; ProtocolError if the arguments do not fit. Thread: any; does not block."""
     plain = header.arguments
     arguments: tuple[Any, ...] = plain
     check_arguments(method, plain, data)

@@ -178,7 +178,7 @@ class CommandHistory(Generic[T]):
         self._sent_after_s = -math.inf
 
     def enter(self, client: str, epoch: int, now_s: float) -> None:
-        """Note that a client has reconnected: commands of its earlier epochs are refused from now on.
+        """Note that a client has reconnected: its commands of earlier epochs are refused from now on.
 
         Raises StaleCommandError if the epoch is further than it can have advanced.
         """

@@ -49,10 +49,7 @@ class UrgentMessage(Message):
 
 
 class Sender(EALActor):
-    """Sends messages in the order of their submission. Thread: an actor; any may call `submit`.
-
-    `unsent` are the messages that were submitted and are not sent yet.
-    """
+    """Sends messages in the order of their submission; `unsent` are those to come. Thread: an actor; any may submit."""
 
     def __init__(self, name: str) -> None:
         super().__init__(name, REAL_TIME)

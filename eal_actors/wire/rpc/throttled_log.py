@@ -23,10 +23,7 @@ _MAX_REASON: Final = 300
 
 
 class ThrottledLog:
-    """Logs at most one warning of each source within PERIOD_S, and counts the others. Thread: any.
-
-    The context has the fields of every line, such as the fleet.
-    """
+    """Logs at most one warning of each source within PERIOD_S, and counts the others. Thread: any."""
 
     def __init__(self, clock: Clock = REAL_TIME, **context: str) -> None:
         self._clock = clock

@@ -46,10 +46,7 @@ _FLOWS: Final[tuple[_Flow, _Flow]] = ("ingress", "egress")
 
 
 def tls_config(security: SecurityConfig, name: str) -> dict[str, Any]:
-    """Return the section `transport/link/tls` of a zenoh configuration; ConfigError if a file of the keys is missing.
-
-    The name is that of the certificate that this end presents.
-    """
+    """Return the section `transport/link/tls` for this end's certificate; ConfigError if a file of it is missing."""
     certificate, key = certificate_file(security.keys, name), key_file(security.keys, name)
     authority = certificate_file(security.keys, AUTHORITY)
     missing = [file for file in (authority, certificate, key) if not file.is_file()]
@@ -101,10 +98,7 @@ def router_access(fleet: FleetConfig, security: SecurityConfig) -> dict[str, Any
 
 
 class _AccessRules:
-    """Rules of one end of a link, by the name of the certificate at its other end.
-
-    Routers are trusted, since they have checked what they forward.
-    """
+    """Rules of one end of a link, by the other end's certificate; routers are trusted, and check what they forward."""
 
     def __init__(self, fleet: FleetConfig, security: SecurityConfig) -> None:
         self._all = keys.fleet_key(fleet.network_name)
@@ -221,10 +215,7 @@ class Rights:
 
     @classmethod
     def decode(cls, encoded: object, name: str) -> Self | None:
-        """Decode the rights that a robot sent; None if everybody may do everything.
-
-        Raises ProtocolError if they are malformed.
-        """
+        """Decode the rights that a robot sent; None if everybody has all, ProtocolError if they are malformed."""
         if encoded is None:
             return None
         try:

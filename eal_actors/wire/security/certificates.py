@@ -127,7 +127,7 @@ def renew_certificate(folder: Path, name: str, valid: timedelta | None = None) -
 def make_pass(folder: Path, into: Path, name: str) -> None:
     """Create a certificate of a reserved name for one hour, in another folder, with a copy of the authority's.
 
-    Raises ConfigError if the authority is missing or unreadable, or `cryptography` is not installed.
+    Raises as make_certificate.
     """
     _require_cryptography()
     _issue(_load_authority(folder), into, name, name, (), _PASS_VALID, force=True)
@@ -175,10 +175,7 @@ def _issue(
 
 
 def list_certificates(folder: Path) -> list[Certificate]:
-    """Return the certificates of a folder, the authority first, then by name.
-
-    Raises ConfigError if the folder is missing, a file is no certificate, or `cryptography` is not installed.
-    """
+    """Return the certificates of a folder, the authority first, then by name; ConfigError if one cannot be read."""
     _require_cryptography()
     if not folder.is_dir():
         raise file_error(str(folder), "no such folder; `eal keys init` makes it")

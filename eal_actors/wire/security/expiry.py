@@ -74,10 +74,7 @@ def time_left(ends: datetime, now: datetime) -> str:
 
 
 def certificate_warnings(security: SecurityConfig | None, name: str) -> list[str]:
-    """Return a warning for each certificate of this end that has expired or is about to: its own and the authority's.
-
-    A file that is missing or wrong is reported where it is used.
-    """
+    """Return a warning if this end's certificate or the authority's has expired or is about to."""
     found: list[str] = []
     if security is None:
         return found

@@ -18,10 +18,7 @@ WATCH_PERIOD_S: Final = 0.5
 
 
 class KeyWatch:
-    """Watches the authority's certificate, a pair of keys, and the list of revoked names. Thread: one at a time.
-
-    Without a folder it watches nothing.
-    """
+    """Watches the authority's certificate, a pair of keys and the revoked names, if there is a folder. Thread: one."""
 
     def __init__(self, folder: Path | None, name: str) -> None:
         self._files: tuple[Path, ...] = ()

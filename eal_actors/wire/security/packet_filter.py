@@ -55,10 +55,7 @@ def pass_packets(listener: socket.socket) -> None:
 
 
 def plain_address(text: str) -> str:
-    """Return an IP address without its zone, and an IPv4 address that is written as IPv6 as IPv4.
-
-    Raises ValueError if it is no IP address.
-    """
+    """Return an IP address without its zone, and as IPv4 if it is mapped to IPv6; ValueError if it is none."""
     address = ipaddress.ip_address(text.partition("%")[0])
     return str(getattr(address, "ipv4_mapped", None) or address)
 

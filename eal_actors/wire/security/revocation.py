@@ -45,10 +45,7 @@ def revoked_names(folder: Path) -> frozenset[str]:
 
 
 def revoke(folder: Path, names: Iterable[str]) -> frozenset[str]:
-    """Add names to the list of a folder, and return all that it has then.
-
-    Raises ConfigError if a name is invalid, or the list cannot be read or written.
-    """
+    """Add names to the list of a folder, and return all that it has then; ConfigError if that cannot be."""
     known = revoked_names(folder)
     names = known.union(names)
     file = folder / REVOKED

@@ -70,11 +70,9 @@ class StreamPublisher(EALActor):
     def serve(self, handle: ResourceHandle, header: CallHeader) -> None:
         """Start, renew or end a controller's lease of a stream. Thread: any.
 
-        Raises:
-            ProtocolError: the request is malformed.
-            ArgumentError: the rate or the encoding does not exist, or does not fit the resource.
-            UnsupportedError: the resource has no value, or OpenCV is missing.
-            BusyError: the robot has too many streams.
+        Raises ProtocolError if the request is malformed, ArgumentError if the rate or the encoding does not exist or
+        fit the resource, UnsupportedError if that has no value or OpenCV is missing, and BusyError if there are too
+        many streams.
         """
         spec, lease_s = parse_stream_request(header.arguments)
         spec.check_resource(handle.info)

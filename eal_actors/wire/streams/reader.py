@@ -38,10 +38,7 @@ class RemoteFeeds:
         self._is_renewing = False
 
     def open(self, cell: ResourceCell, spec: StreamSpec, sink: Sink) -> _RemoteFeed:
-        """Open a feed; see OpenFeed. Thread: any.
-
-        Raises UnsupportedError if OpenCV is needed and missing.
-        """
+        """Open a feed; see OpenFeed. Raises UnsupportedError if OpenCV is needed and missing. Thread: any."""
         require_codec(spec.encoding)
         feed = _RemoteFeed(self, cell, canonical(spec), sink)
         self._channel.run_soon(lambda: self._join(feed))
@@ -111,10 +108,7 @@ class RemoteFeeds:
         self._channel.request(keys.STREAM, arguments, LEASE_S, subscription.on_answer, subscription.resource)
 
     def _receive(self, subscription: _Subscription, _: str, sample: zenoh.Sample) -> None:
-        """Pass an encoded frame to the feeds; readers decode it. Thread: a reader's.
-
-        A payload in shared memory is taken out at once, since nobody may read this frame.
-        """
+        """Pass an encoded frame to the feeds; its readers decode it. Thread: a reader's."""
         arrived_s, memory = REAL_TIME.now(), self._channel.memory
         attachment, payload = sample.attachment, sample.payload
         envelope = attachment.to_bytes() if attachment is not None else b""

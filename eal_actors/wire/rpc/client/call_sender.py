@@ -38,9 +38,9 @@ PAUSE_S: Final = 0.001
 
 
 class InFlightWindow:
-    """The unanswered calls of one session. Thread: any, except for the methods that wait. A set needs no lock for that.
+    """The unanswered calls of one session, which are added before they are sent.
 
-    Each of `calls` is added before it is sent, and taken out by `answered`.
+    Thread: any, except for the methods that wait. A set needs no lock for that.
     """
 
     def __init__(self) -> None:
@@ -82,10 +82,7 @@ class InFlightWindow:
 
 
 class EncodedCall(NamedTuple):
-    """A call that is ready to be sent; it is lost with all pending calls of its robot if that is unreachable.
-
-    Calls of one group may be sent together; a call without a group is sent alone.
-    """
+    """A call that is ready to be sent. Calls of one group may be sent together; one without a group goes alone."""
 
     robot: str
     resource: str

@@ -121,10 +121,7 @@ def _running_from(fields: Mapping[str, Any]) -> RunningCommand:
 
 
 class CommandTracker:
-    """Our commands to one robot that were sent and whose outcome has not arrived, by their identifiers.
-
-    Thread: any, except `tick` and `reattach`.
-    """
+    """Our commands to one robot whose outcome has not arrived. Thread: any, except `tick` and `reattach`."""
 
     def __init__(self, channel: Channel) -> None:
         self.commands: Final[dict[CallId, Call[Any]]] = {}

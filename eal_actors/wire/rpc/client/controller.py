@@ -272,10 +272,7 @@ class Controller(EALActor):
         return self._versions.get(robot) == PROTOCOL_VERSION
 
     def subscribe(self, key: str, on_sample: Callable[[str, zenoh.Sample], None]) -> Callable[[], None] | None:
-        """Subscribe to a key; the callback runs in a thread of the subscription.
-
-        Returns a function that ends the subscription; None if the network is not open.
-        """
+        """Subscribe to a key, in a thread; return a function that ends it, or None if the network is not open."""
         import zenoh
 
         transport = self._transport

@@ -29,10 +29,7 @@ PROBE_S: Final = 2.0
 
 
 class FoundRobot(NamedTuple):
-    """Robot that was found, with its fleet's name and identity, if that has one.
-
-    `endpoint` is its own, or that of a router that leads to it.
-    """
+    """Robot that was found, its fleet's name and identity, and its endpoint or that of a router that leads to it."""
 
     fleet: str
     robot: str
@@ -42,10 +39,7 @@ class FoundRobot(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Discovery:
-    """Result of scouting: the robots, sorted by fleet and name.
-
-    `closed` are endpoints that require certificates or lead to no robot.
-    """
+    """Result of scouting: the robots, sorted, and endpoints that require certificates or lead to no robot."""
 
     robots: tuple[FoundRobot, ...]
     closed: tuple[str, ...]

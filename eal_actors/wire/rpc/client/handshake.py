@@ -110,10 +110,7 @@ class _InfoFields(_Fields):
 
 
 def info_from(fields: object) -> ResourceInfo:
-    """Rebuild the result of `ResourceInfo.to_dict`; unknown methods are dropped.
-
-    Raises ProtocolError if a field is missing or of the wrong type.
-    """
+    """Rebuild the result of `ResourceInfo.to_dict` without unknown methods; ProtocolError if a field is malformed."""
     try:
         checked = _InfoFields.model_validate(fields)
         checked.methods = [method for method in checked.methods if method in METHODS]

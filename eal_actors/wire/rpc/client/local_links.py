@@ -22,11 +22,7 @@ _MOST_KNOWN: Final = 256
 
 
 class LocalLinks:
-    """Local links by process; `links` has them by robot. Thread: any.
-
-    The fleet file says whether there are any. `receive` handles a reply: the robot, the envelope and the payload.
-    Thread: a link's.
-    """
+    """Local links by process, and in `links` by robot. Thread: any; that of a link handles its replies."""
 
     def __init__(self, receive: Callable[[str, bytes, bytes], None], *, is_on: bool) -> None:
         self.links: Final[dict[str, LocalLink]] = {}

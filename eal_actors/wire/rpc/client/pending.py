@@ -32,10 +32,7 @@ class PendingCall(Protocol):
 
 
 class PendingCalls:
-    """Pending calls of one robot by their numbers. Thread: any.
-
-    They are added before they are sent. The thread that removes one calls its method.
-    """
+    """Pending calls of one robot by their numbers, added before they are sent. Thread: any."""
 
     def __init__(self) -> None:
         self.calls: Final[dict[int, PendingCall]] = {}

@@ -37,10 +37,7 @@ class ClockEstimate(NamedTuple):
 
 
 class ClockTracker:
-    """Tracks the clock of one robot. Thread: any.
-
-    `latest` is the last estimate; None before the first reply.
-    """
+    """Tracks the clock of one robot; `latest` is None before the first reply. Thread: any."""
 
     def __init__(self) -> None:
         self.latest: ClockEstimate | None = None
@@ -71,17 +68,14 @@ class ClockTracker:
             self._learn(time.era, sent_s, time.time_s, time.time_s, answered_s)
 
     def offset(self, at_s: float) -> Offset:
-        """Return the robot's clock minus ours, estimated for a real time of ours.
-
-        Raises UnavailableError if no reply has arrived.
-        """
+        """Return the robot's clock minus ours at a real time of ours; UnavailableError if no reply has arrived."""
         with self._lock:
             return self._offsets.estimate(at_s)
 
     def sent_s(self, time: RobotTime, arrived_s: float) -> tuple[float, float]:
-        """Return our real time at which the robot sent a message, and the greatest error of that (infinity if unknown).
+        """Return when the robot sent a message, by our real time, and the greatest error of that.
 
-        While the offset is unknown, the result is the time of arrival.
+        While the offset is unknown, these are the time of arrival and infinity.
         """
         known = self.latest
         if known is None or time.era not in ("", known.era):

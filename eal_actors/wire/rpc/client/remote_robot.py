@@ -39,12 +39,9 @@ CONNECT_S: Final = 3.0
 
 
 class RemoteSpec(NamedTuple):
-    """Specification of a remote robot, with its address for messages and the fleet's clock.
+    """Specification of a remote robot: its address, the default deadline of a call, and injected faults.
 
-    Attributes:
-        timeout_s: the default deadline of a call.
-        link: fault injection for its calls.
-        mailbox: limit of the pending calls to one resource.
+    `mailbox` limits the pending calls to one resource.
     """
 
     name: str

@@ -41,10 +41,7 @@ _NO_NAMES: Final[Mapping[str, str]] = {}
 
 
 class ControllerNames:
-    """Display names of the last controllers heard.
-
-    A name begins with that of the certificate; the rest is unproven, and no right depends on it. Thread: any.
-    """
+    """Display names of the last controllers heard; no right depends on them, since only the certificate's is proven."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()

@@ -32,9 +32,9 @@ class ControllerMemories:
         self._log = get_logger(robot=robot)
 
     def open(self, client: str, arguments: tuple[object, ...]) -> bool:
-        """Open the memory that a controller offers, in place of its earlier one; return whether that succeeded.
+        """Open the memory that a controller offers, in place of its earlier one; ProtocolError if that is no offer.
 
-        Raises ProtocolError if the arguments are malformed.
+        Returns whether it could be opened.
         """
         offer = MemoryOffer.parse(arguments)
         with self._lock:

@@ -60,10 +60,7 @@ class Leases:
         self._leases: dict[str, _Lease] = {}
 
     def claim(self, client: str, resource: str, now_s: float) -> None:
-        """Grant or renew the lease of a commanded resource, and renew the client's other leases.
-
-        Raises ResourceBusyError if another client, which is named, holds the resource.
-        """
+        """Renew a client's leases, and grant that of a resource; ResourceBusyError if another client holds it."""
         lease = self._leases.get(resource)
         is_own = lease is not None and lease.holder == client and len(self._leases) == 1  # the usual case
         if lease is not None and is_own and now_s < lease.heard_s + self.dead_man_s:
@@ -113,10 +110,7 @@ class Leases:
 
 
 class SilentController(NamedTuple):
-    """Resource to halt, since the client that commanded it last fell silent.
-
-    `heard_s` is the robot's time of that client's last heartbeat or command.
-    """
+    """Resource to halt, the client that commanded it last, and when the robot last heard of that."""
 
     resource: str
     client: str

@@ -34,7 +34,7 @@ MAX_BACKLOG_BYTES: Final = 64 * 1024 * 1024
 class Outbox(Sender):
     """Sends replies and events; those that wait together are sent as a batch. Thread: an actor.
 
-    `urgent` sends the urgent messages. `is_full` is whether so many bytes wait that no further value may be queued.
+    `is_full` is whether so many bytes wait that no further value may be queued.
     """
 
     def __init__(self, name: str, transport: Transport) -> None:
@@ -72,10 +72,7 @@ class Outbox(Sender):
             self.submit(message)
 
     def publish_from_here(self, key: str, envelope: bytes, payload: Payload, *, is_urgent: bool = False) -> None:
-        """Send a message in this thread, or queue it if another thread is sending.
-
-        Thread: one that may wait for a link; see Message.send.
-        """
+        """Send a message, or queue it while another thread is sending. Thread: one that may wait, see Message.send."""
         if not self._put_lock.acquire(blocking=False):
             self.publish(key, envelope, payload, is_urgent=is_urgent)
             return

@@ -25,10 +25,7 @@ _MAX_TEXT: Final = 16_384
 
 
 class RequestQueue:
-    """Queue of calls; each is an action. Thread: any.
-
-    `run` runs an action in the host's thread, after the timers that are due.
-    """
+    """Queue of calls, each an action, which `run` runs after the timers that are due. Thread: any."""
 
     def __init__(self, run: Callable[[Callable[[], None]], None]) -> None:
         self._run = run
@@ -39,8 +36,7 @@ class RequestQueue:
     def add(self, call: CallKey, header: CallHeader, action: Callable[[], None]) -> None:
         """Queue a call. Does not block.
 
-        Raises BusyError if too many calls of the client's certificate to the robot wait, and ProtocolError if its texts
-        are too long.
+        Raises BusyError if too many calls of its certificate wait, and ProtocolError if its texts are too long.
         """
         check_texts(call.method, header.arguments, _MAX_TEXT)
         owner = call.robot, certificate_id(header.client)

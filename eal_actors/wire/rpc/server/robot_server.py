@@ -159,10 +159,7 @@ class RobotServer:
         self.close()
 
     def wait(self) -> None:
-        """Wait until the server is closed. Thread: blocks the caller.
-
-        Raises UnavailableError if it has failed; the robot is halted and unreachable.
-        """
+        """Wait until the server is closed; UnavailableError if it has failed and halted. Thread: blocks the caller."""
         while not self._is_closed:
             REAL_TIME.wait(self._ended, None)
         if self._has_failed:
