@@ -291,6 +291,10 @@ def decode_event(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> RobotEvent:
     call, answer, more = fields.get("call"), fields.get("answer"), fields.get("fields", {})
     if type(more) is not dict:
         raise ProtocolError(f"event: fields {short_repr(more)} are no map")
+    if call is not None:
+        client, epoch, sequence = checked_row(call, "event: call", 3)
+        epoch, sequence = checked_count(epoch, "event: call: epoch"), checked_count(sequence, "event: call: sequence")
+        call = CallId(checked_client(client, "event: call"), epoch, sequence)
     if answer is None:
         optional_data_from(None, payload, "event")
     else:
@@ -299,7 +303,7 @@ def decode_event(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> RobotEvent:
     return RobotEvent(
         checked_text(fields.get("kind"), "event: kind"),
         checked_time(fields.get("stamp_s"), "event: stamp_s"),
-        None if call is None else _call_id_from(call),
+        call,
         answer,
         more,
     )
@@ -347,13 +351,4 @@ def _answer_from(kind: object, body: Any, payload: Buffer, what: str) -> Answer:
             return ACCEPTED
     raise ProtocolError(
         f"{what}: {short_repr(body)} is not an answer of kind {short_repr(kind)}, which is 0 to {_ACCEPTED}"
-    )
-
-
-def _call_id_from(row: object) -> CallId:
-    client, epoch, sequence = checked_row(row, "event: call", 3)
-    return CallId(
-        checked_client(client, "event: call"),
-        checked_count(epoch, "event: call: epoch"),
-        checked_count(sequence, "event: call: sequence"),
     )

@@ -43,7 +43,6 @@ MAX_AGE_S: Final = 10.0
 BEGINS_PART: Final = b"\x95"
 """First byte of the envelope of a part: a list of five."""
 
-
 _HEAD_BYTES: Final = 64
 """Bytes of a call's envelope that contain its number."""
 

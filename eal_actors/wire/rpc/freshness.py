@@ -61,7 +61,6 @@ _AT_ONCE: Final = {"epoch": 1_000, "sequence": _MOST_AHEAD}
 _PER_SECOND: Final = {"epoch": 10, "sequence": 1_000_000}
 """Greatest advance of a client's numbers, at once and for each second since it was heard; more is no counting."""
 
-
 _EPOCH_AT: Final = 64
 """Bits of a sequence number, which a message cannot exceed."""
 

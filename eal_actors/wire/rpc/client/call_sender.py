@@ -32,7 +32,6 @@ _RESUME_AT: Final = 128
 PATIENCE_S: Final = 0.05
 """Real seconds without a reply after which the calls in flight count as slow and no longer block the sender."""
 
-
 PAUSE_S: Final = 0.001
 """Real seconds that the sender waits for replies at most, while calls gather."""
 

@@ -29,6 +29,7 @@ from eal_actors.wire.format.messages import decode_heartbeat
 from eal_actors.wire.format.parts import BEGINS_PART, PartStore
 from eal_actors.wire.local_link import LocalLink, LocalListener
 from eal_actors.wire.rpc.server.outbox import Outbox, ReplyBatch
+from eal_actors.wire.rpc.server.request_handler import HostServices
 from eal_actors.wire.rpc.server.request_queue import RequestQueue
 from eal_actors.wire.rpc.server.robot_server import RobotServer
 from eal_actors.wire.rpc.throttled_log import ThrottledLog
@@ -66,10 +67,12 @@ class RobotHost(EALActor):
         self._parts_lock = threading.Lock()
         self._unsubscribe: list[Callable[[], None]] = []
         self._revoked = self._read_revoked()
-        self._process = secrets.token_hex(8)
         self._transport = Transport(session)
         self._outbox = Outbox(f"{robot or fleet} outbox", self._transport)
-        self._requests = RequestQueue(self._run_after_timers)
+        requests = RequestQueue(self._run_after_timers)
+        self._services = HostServices(
+            fleet, network, self._outbox, secrets.token_hex(8), requests, self._revoke, self._remove
+        )
         self._local: LocalListener | None = None
 
     def _read_revoked(self) -> frozenset[str]:
@@ -81,7 +84,7 @@ class RobotHost(EALActor):
         self._outbox.launch()
         self._subscribe()
         if self._network.shared_memory and self._network.security is None:
-            self._local = LocalListener(self._process, self._has_link_at, self._receive)
+            self._local = LocalListener(self._services.process, self._has_link_at, self._receive)
         return super().launch()
 
     def _subscribe(self) -> None:
@@ -107,18 +110,7 @@ class RobotHost(EALActor):
 
         `exclusive` are the resources that one controller at a time may command; every actuator if None.
         """
-        server = RobotServer(
-            self._fleet,
-            robot,
-            self._session,
-            self._network,
-            self._outbox,
-            self._process,
-            exclusive=exclusive,
-            revoke=self._revoke,
-            requests=self._requests,
-            on_close=lambda: self._remove(robot.name),
-        )
+        server = RobotServer(self._services, robot, self._session, exclusive)
         with self._lock:
             self._servers = {**self._servers, robot.name: server}
         server.announce()

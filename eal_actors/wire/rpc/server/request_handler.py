@@ -9,17 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.robot_view import RobotState, release
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError, error_text
-from eal_actors.managers.network_model import SecurityConfig
+from eal_actors.managers.network_model import NetworkConfig
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import Answer, CallHeader, CallId, RobotEvent
 from eal_actors.wire.rpc.server.admission import Admission
 from eal_actors.wire.rpc.server.controller_memories import ControllerMemories
+from eal_actors.wire.rpc.server.outbox import Outbox
+from eal_actors.wire.rpc.server.request_queue import RequestQueue
 from eal_actors.wire.rpc.server.running_commands import RunningCommands
 from eal_actors.wire.security.accept_guard import descriptor_warnings
 from eal_actors.wire.security.access import encode_rights
@@ -27,35 +29,53 @@ from eal_actors.wire.security.expiry import certificate_warnings
 from eal_actors.wire.streams.publisher import StreamPublisher
 
 
+class HostServices(NamedTuple):
+    """What the servers of robots get from their host.
+
+    Attributes:
+        fleet: the fleet's name.
+        outbox: sends replies and events.
+        process: identifier of the host.
+        requests: runs calls of the robots themselves in the host's thread.
+        revoke: adds names to the list of revoked certificates; runs in the host's thread.
+        remove: removes the server of a robot, which is closed.
+    """
+
+    fleet: str
+    network: NetworkConfig
+    outbox: Outbox
+    process: str
+    requests: RequestQueue
+    revoke: Callable[[Iterable[str]], None]
+    remove: Callable[[str], None]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class RequestHandler:
     """Answers for one robot. Thread: the host's, except `ping` and `release`."""
 
+    _host: HostServices
     _robot: RobotHandle
-    _process: str
     _admission: Admission
     _running: RunningCommands
     _publisher: StreamPublisher
     _memories: ControllerMemories
     _publish: Callable[[RobotEvent], None]
-    _security: SecurityConfig | None
-    _revoke_names: Callable[[Iterable[str]], None]
 
     def ping(self, header: CallHeader) -> Answer:
         """Answer a ping. Thread: any."""
-        received_s = REAL_TIME.now()
-        fields = {**self._state_fields(header), **self._load_fields(), "resources": len(self._robot)}
-        return {**fields, "received_s": received_s, "replied_s": REAL_TIME.now()}
-
-    def _load_fields(self) -> dict[str, Any]:
-        """Return the lengths of the mailboxes, their ages in real seconds, and the restarts."""
-        second = self._robot.clock.of_real(1.0)
-        mailboxes = {
-            name: [waiting.count, waiting.oldest_s / second]
-            for name, handle in self._robot.items()
-            if (waiting := handle.waiting) is not None and waiting.count
+        received_s, second = REAL_TIME.now(), self._robot.clock.of_real(1.0)
+        fields = {
+            **self._state_fields(header),
+            "mailboxes": {  # their lengths and ages in real seconds
+                name: [waiting.count, waiting.oldest_s / second]
+                for name, handle in self._robot.items()
+                if (waiting := handle.waiting) is not None and waiting.count
+            },
+            "restarts": dict(self._robot.restarts),
+            "resources": len(self._robot),
         }
-        return {"mailboxes": mailboxes, "restarts": dict(self._robot.restarts)}
+        return {**fields, "received_s": received_s, "replied_s": REAL_TIME.now()}
 
     def answer(self, method: str, header: CallHeader) -> Answer:
         """Answer any other method; an error becomes the answer."""
@@ -82,8 +102,8 @@ class RequestHandler:
             **self._state_fields(header),
             "problems": [error_text(problem) for problem in self._robot.problems],
             "resources": [handle.info.to_dict() for handle in self._robot.values()],
-            "process": self._process,
-            "rights": encode_rights(self._security, self._robot.name),
+            "process": self._host.process,
+            "rights": encode_rights(self._host.network.security, self._robot.name),
         }
 
     def _state_fields(self, header: CallHeader) -> dict[str, Any]:
@@ -95,7 +115,7 @@ class RequestHandler:
             "holders": {resource: self._admission.names.of(client) for resource, client in holders.items()},
             "holder_ids": {resource: client for resource, client in holders.items() if client == header.client},
             "not_ready": dict(self._robot.not_ready),
-            "warnings": [*certificate_warnings(self._security, self._robot.name), *descriptor_warnings()],
+            "warnings": [*certificate_warnings(self._host.network.security, self._robot.name), *descriptor_warnings()],
             "running": [[*command.call_id, command.to_fields()] for command in self._running.announced()],
         }
 
@@ -127,7 +147,7 @@ class RequestHandler:
         return 1
 
     def _revoke(self, header: CallHeader) -> Answer:
-        self._revoke_names(map(str, header.arguments))
+        self._host.revoke(map(str, header.arguments))
         return 1
 
     def _share_memory(self, header: CallHeader) -> Answer:

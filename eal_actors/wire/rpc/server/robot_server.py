@@ -9,7 +9,7 @@ resource's own thread if no other thread is sending.
 from __future__ import annotations
 
 import secrets
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
@@ -31,7 +31,6 @@ from eal_actors.kernel.errors import (
     error_text,
 )
 from eal_actors.kernel.log import get_logger
-from eal_actors.managers.network_model import NetworkConfig
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import (
     ACCEPTED,
@@ -48,10 +47,9 @@ from eal_actors.wire.local_link import LocalLink
 from eal_actors.wire.rpc.call_arguments import check_arguments, check_request, is_stop, start_call
 from eal_actors.wire.rpc.server.admission import Admission
 from eal_actors.wire.rpc.server.controller_memories import ControllerMemories
-from eal_actors.wire.rpc.server.outbox import Outbox, ReplyBatch
+from eal_actors.wire.rpc.server.outbox import ReplyBatch
 from eal_actors.wire.rpc.server.replies import Replies
-from eal_actors.wire.rpc.server.request_handler import RequestHandler
-from eal_actors.wire.rpc.server.request_queue import RequestQueue
+from eal_actors.wire.rpc.server.request_handler import HostServices, RequestHandler
 from eal_actors.wire.rpc.server.running_commands import ReplyTo, RunningCommands, ServedCommand
 from eal_actors.wire.security.access import Rights, encode_rights
 from eal_actors.wire.streams.publisher import StreamPublisher
@@ -67,53 +65,33 @@ _MAX_REASON: Final = 500  # each ping and handshake contains it
 class RobotServer:
     """Serves one started robot of this process; made by RobotHost.serve. Thread: any; slow work runs in the host's.
 
-    The session is open and outlives the server. `revoke` and what `requests` runs belong to the host's thread.
-    `dead_man_trips` counts the halts of each resource because its controller was silent.
+    The session is open and outlives the server. `dead_man_trips` counts the halts of each resource because its
+    controller was silent.
     """
 
     def __init__(
-        self,
-        fleet: str,
-        robot: RobotHandle,
-        session: zenoh.Session,
-        network: NetworkConfig,
-        outbox: Outbox,
-        process: str,
-        *,
-        exclusive: Iterable[str] | None,
-        revoke: Callable[[Iterable[str]], None],
-        requests: RequestQueue,
-        on_close: Callable[[], None],
+        self, host: HostServices, robot: RobotHandle, session: zenoh.Session, exclusive: Iterable[str] | None
     ) -> None:
-        self._fleet = fleet
+        self._host = host
         self._robot = robot
         self._handles: dict[str, ResourceHandle] = {}  # of a robot of this process, which keeps its resources
         self._clock = robot.clock
         self._second = robot.clock.of_real(1.0)
         self._session = session
-        self._outbox = outbox
-        self._requests = requests
-        self._on_close = on_close
-        self._rights = encode_rights(network.security, robot.name)
+        self._outbox = host.outbox
+        self._rights = encode_rights(host.network.security, robot.name)
         self._era = secrets.token_hex(4)
-        self._event_key = keys.event_key(fleet, robot.name)
-        exclusive = _actuators(robot) if exclusive is None else exclusive
-        self._admission = Admission(self._era, exclusive, network.dead_man_s)
+        self._event_key = keys.event_key(host.fleet, robot.name)
+        if exclusive is None:
+            exclusive = [name for name, handle in robot.items() if handle.info.types & ResourceType.ACTUATOR]
+        self._admission = Admission(self._era, exclusive, host.network.dead_man_s)
         self._running = RunningCommands()
-        self._memories = ControllerMemories(robot.name, is_enabled=network.shared_memory)
-        self._replies = Replies(robot, self._era, outbox, self._memories)
+        self._memories = ControllerMemories(robot.name, is_enabled=host.network.shared_memory)
+        self._replies = Replies(robot, self._era, host.outbox, self._memories)
         self._answer, self._outcome = self._replies.answer, self._replies.outcome
-        self._publisher = StreamPublisher(fleet, robot, session, self._era, self._memories.put)
+        self._publisher = StreamPublisher(host.fleet, robot, session, self._era, self._memories.put)
         self._handler = RequestHandler(
-            robot,
-            process,
-            self._admission,
-            self._running,
-            self._publisher,
-            self._memories,
-            self._publish,
-            network.security,
-            revoke,
+            host, robot, self._admission, self._running, self._publisher, self._memories, self._publish
         )
         self._token: zenoh.LivelinessToken | None = None
         self._unlogged_stop: str | None = None
@@ -127,7 +105,7 @@ class RobotServer:
 
     def announce(self) -> None:
         """Declare the robot's liveliness token. Thread: blocks the caller for a moment."""
-        self._token = self._session.liveliness().declare_token(keys.alive_key(self._fleet, self._robot.name))
+        self._token = self._session.liveliness().declare_token(keys.alive_key(self._host.fleet, self._robot.name))
 
     def move_to(self, session: zenoh.Session) -> None:
         """Continue on another session, after the earlier one was closed. Thread: blocks the caller for a moment."""
@@ -146,7 +124,7 @@ class RobotServer:
         token, self._token = self._token, None
         if token is not None and not self._session.is_closed():
             token.undeclare()  # type: ignore[no-untyped-call]  # untyped in zenoh's stubs
-        self._on_close()
+        self._host.remove(self._robot.name)
         self._publisher.close()
         self._memories.close()
         self._is_closed = True
@@ -351,7 +329,7 @@ class RobotServer:
             if method == keys.HELLO:
                 self._admission.names.note(header.client, call.caller, " ".join(map(str, header.arguments)))
             end_s = REAL_TIME.now() + header.deadline_s
-            self._requests.add(call, header, lambda: self._answer_request(reply_to, method, header, end_s))
+            self._host.requests.add(call, header, lambda: self._answer_request(reply_to, method, header, end_s))
 
     def _answer_request(self, reply_to: ReplyTo, method: str, header: CallHeader, end_s: float) -> None:
         """Answer a call of the robot itself, other than a handshake that its controller has repeated by now.
@@ -369,7 +347,3 @@ class RobotServer:
 
 def _too_late(method: str) -> DeadlineError:
     return DeadlineError(f"{method} came after its deadline; it was not executed")
-
-
-def _actuators(robot: RobotHandle) -> list[str]:
-    return [name for name, handle in robot.items() if handle.info.types & ResourceType.ACTUATOR]
