@@ -30,7 +30,7 @@ from eal_actors.wire.streams.publisher import StreamPublisher
 
 
 class HostServices(NamedTuple):
-    """What the servers of robots get from their host.
+    """Services of a host for the servers of its robots.
 
     Attributes:
         fleet: the fleet's name.
