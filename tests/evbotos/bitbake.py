@@ -2,7 +2,7 @@
 
 Run as `python -m tests.evbotos.bitbake MIRRORS [MACHINE]...`. MIRRORS is a folder of git repositories, bare or not,
 named as in `kas/common.yml` (`bitbake`, `openembedded-core`, ...), with or without `.git`. BitBake refuses root, so
-root runs it as `nobody`.
+root runs it as `nobody`. What it says goes to `build/bitbake/MACHINE.log` while it runs.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ import yaml
 REPOSITORY: Final = Path(__file__).parents[2]
 KAS: Final = REPOSITORY / "evbotos/openembedded/kas"
 IMAGES: Final = sorted(path.stem for path in (REPOSITORY / "evbotos/images").glob("*.yaml"))
-_TIMEOUT_S: Final = 3600.0
+LOGS: Final = REPOSITORY / "build/bitbake"
+_TIMEOUT_S: Final = 7200.0  # for one machine; a free processor takes a quarter of an hour
 _PLANNED: Final = re.compile(r"Attempted (\d+) tasks")
 
 
@@ -79,13 +80,18 @@ def plan(machine: str, mirrors: Path, work: Path) -> bool:
     if os.geteuid() == 0:
         subprocess.run(["chown", "-R", "nobody:nogroup", str(work)], check=True)
         argv = ["setpriv", "--reuid=nobody", "--regid=nogroup", "--clear-groups", *argv]
-    done = subprocess.run(argv, cwd=project, env=env, capture_output=True, text=True, timeout=_TIMEOUT_S, check=False)
-    said = done.stdout + done.stderr
+    LOGS.mkdir(parents=True, exist_ok=True)
+    log = LOGS / f"{machine}.log"
+    with log.open("w") as stream:
+        done = subprocess.run(
+            argv, cwd=project, env=env, stdout=stream, stderr=subprocess.STDOUT, timeout=_TIMEOUT_S, check=False
+        )
+    said = log.read_text()
     lines = said.splitlines()
     errors = [number for number, line in enumerate(lines) if line.startswith("ERROR") or "Nothing PROVIDES" in line]
     problems = lines[errors[0] :] if errors else [line for line in lines if line.startswith("WARNING")]
     tasks = _PLANNED.search(said)
-    _say(f"{machine}: exit code {done.returncode}, {tasks[1] if tasks else 'no'} tasks")
+    _say(f"{machine}: exit code {done.returncode}, {tasks[1] if tasks else 'no'} tasks ({log})")
     _say("\n".join(problems or ([] if done.returncode == 0 else said.splitlines()[-20:])))
     return done.returncode == 0 and not errors
 
