@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -82,18 +83,35 @@ def plan(machine: str, mirrors: Path, work: Path) -> bool:
         argv = ["setpriv", "--reuid=nobody", "--regid=nogroup", "--clear-groups", *argv]
     LOGS.mkdir(parents=True, exist_ok=True)
     log = LOGS / f"{machine}.log"
-    with log.open("w") as stream:
-        done = subprocess.run(
-            argv, cwd=project, env=env, stdout=stream, stderr=subprocess.STDOUT, timeout=_TIMEOUT_S, check=False
-        )
+    code = run_logged(argv, project, env, log, _TIMEOUT_S)
     said = log.read_text()
     lines = said.splitlines()
     errors = [number for number, line in enumerate(lines) if line.startswith("ERROR") or "Nothing PROVIDES" in line]
     problems = lines[errors[0] :] if errors else [line for line in lines if line.startswith("WARNING")]
     tasks = _PLANNED.search(said)
-    _say(f"{machine}: exit code {done.returncode}, {tasks[1] if tasks else 'no'} tasks ({log})")
-    _say("\n".join(problems or ([] if done.returncode == 0 else said.splitlines()[-20:])))
-    return done.returncode == 0 and not errors
+    ended = "took too long" if code is None else f"exit code {code}"
+    _say(f"{machine}: {ended}, {tasks[1] if tasks else 'no'} tasks ({log})")
+    _say("\n".join(problems or ([] if code == 0 else said.splitlines()[-20:])))
+    return code == 0 and not errors
+
+
+def run_logged(argv: list[str], folder: Path, env: dict[str, str], log: Path, timeout_s: float) -> int | None:
+    """Run a program whose output goes to a log; return its exit code, or None if it took too long.
+
+    It is interrupted then, and everything that it started with it: what BitBake's server leaves running would report
+    failed tasks while its folder is removed.
+    """
+    with (
+        log.open("w") as stream,
+        subprocess.Popen(
+            argv, cwd=folder, env=env, stdout=stream, stderr=subprocess.STDOUT, start_new_session=True
+        ) as program,
+    ):
+        try:
+            return program.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            os.killpg(program.pid, signal.SIGINT)  # BitBake ends its tasks and its server
+            return None
 
 
 def _say(words: str) -> None:

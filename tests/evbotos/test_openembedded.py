@@ -19,6 +19,7 @@ from eal_actors.kernel.errors import ConfigError
 from evbotos.agreement import FOLDER, disagreements, generated, installed_by, load_agreement
 from evbotos.definitions import Definitions, load_definitions
 from evbotos.fields import ROOTFS
+from tests.evbotos.bitbake import run_logged
 
 LAYERS = ("meta-evbotos-bsp", "meta-evbotos-distro")
 UPSTREAM = frozenset(
@@ -208,3 +209,12 @@ def test_the_branches_are_those_of_the_series() -> None:
     branches = {name: repository["branch"] for name, repository in repositories.items() if "url" in repository}
     series = load_agreement().series
     assert branches == {"bitbake": "2.18", "openembedded-core": series, "meta-openembedded": series}
+
+
+def test_a_plan_that_takes_too_long_is_interrupted_with_all_that_it_started(tmp_path: Path) -> None:
+    log, env = tmp_path / "log", dict(os.environ)
+    assert run_logged(["sh", "-c", "echo begun; echo bad >&2; exit 3"], tmp_path, env, log, 60.0) == 3
+    assert log.read_text() == "begun\nbad\n"
+    waits = ["sh", "-c", "trap 'echo interrupted' INT; sleep 600; echo ended"]  # `sleep` is interrupted, too
+    assert run_logged(waits, tmp_path, env, log, 3.0) is None
+    assert log.read_text() == "interrupted\nended\n"
