@@ -22,6 +22,7 @@ from evbotos import (
     qemu,
     sbom,
     sizes,
+    slimming,
     slots,
     squash,
     targets,
@@ -218,6 +219,8 @@ class Build:
             tree.unpack_wheels(wheels, out)
             tree.settle(out)
             pruning.prune_tree(out, image.prune, image.keep)
+            slimming.strip_libraries(out / tree.SITE)
+            slimming.drop_languages(out)
             bytecode.compile_tree(
                 out, ["usr/lib/python3.11", tree.SITE], sourceless=image.sourceless, skip=f"/{bytecode.OPENCV}/"
             )
@@ -227,7 +230,7 @@ class Build:
                 told = "; ".join(f"{name} for {', '.join(sorted(users)[:3])}" for name, users in missing.items())
                 raise BuildError(f"pruning removed required shared libraries: {told}")
 
-        return Step("base", key_of(inputs, tree, pruning, bytecode), make)
+        return Step("base", key_of(inputs, tree, pruning, slimming, bytecode), make)
 
     def _root_step(self, lock: Lock, base: Path) -> Step:
         layers = layers_of(self._image)
