@@ -16,6 +16,8 @@ from evbotos.shell import run
 CONFIG: Final = "config"
 _WORK: Final = "kernel-work-"
 """The beginning of the folder in which a kernel is compiled; a killed build leaves it, and the next one resumes."""
+_LONGEST_S: Final = 86_400.0
+"""What a compilation may take: minutes on a free computer, hours on a busy one or a small board."""
 _REPRODUCIBLE: Final = {"KBUILD_BUILD_USER": "evbotos", "KBUILD_BUILD_HOST": "evbotos", "KBUILD_BUILD_VERSION": "1"}
 
 
@@ -71,7 +73,8 @@ def _compile(kernel: Kernel, tree: Path, date: int, out: Path) -> None:
     if refused:
         raise BuildError(f"the kernel refuses these options: {', '.join(refused)}")
     trees = [f"arch/{kernel.architecture}/boot/dts/{name}" for name in kernel.device_trees]
-    run([*make, Path(kernel.image).name, *(name.partition("/dts/")[2] for name in trees)], cwd=tree, env=stamp)
+    wanted_files = [Path(kernel.image).name, *(name.partition("/dts/")[2] for name in trees)]
+    run([*make, *wanted_files], cwd=tree, env=stamp, timeout_s=_LONGEST_S)
     out.mkdir(parents=True)
     for name in (kernel.image, *trees, ".config"):
         shutil.copy(tree / name, out / (Path(name).name if name != ".config" else CONFIG))

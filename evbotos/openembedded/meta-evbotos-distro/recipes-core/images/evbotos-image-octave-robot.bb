@@ -9,5 +9,5 @@ IMAGE_INSTALL = "packagegroup-evbotos-octave-robot-image"
 
 # Sizes of the disk's partitions in MiB.
 EVBOTOS_BOOT_MIB = "16"
-EVBOTOS_SLOT_MIB = "112"
+EVBOTOS_SLOT_MIB = "96"
 EVBOTOS_DATA_MIB = "15"
