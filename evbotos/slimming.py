@@ -1,4 +1,4 @@
-"""What shared libraries carry and no program reads: the symbols of compiled wheels, ICU's data of languages."""
+"""Shared libraries without what no program reads: the symbols of compiled wheels, ICU's data of languages."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from evbotos.errors import BuildError
 _ELF: Final = b"\x7fELF"
 _ICU_HEADER: Final = re.compile(rb"(?s)(..)\xda\x27.{8}CmnD")
 _ICU_READ: Final = (".cnv", ".icu", ".nrm", ".spp", ".cfu")
-"""What ICU's common part reads: tables of encodings, characters and their composition."""
+"""The data that ICU's common part reads: tables of encodings, characters and their composition."""
 
 
 @dataclass(frozen=True, slots=True)
