@@ -17,7 +17,7 @@ CONFIG: Final = "config"
 _WORK: Final = "kernel-work-"
 """The beginning of the folder in which a kernel is compiled; a killed build leaves it, and the next one resumes."""
 _LONGEST_S: Final = 86_400.0
-"""The limit of a compilation in real seconds: it takes minutes on a free computer, hours on a busy one or a small board."""
+"""The limit of a compilation in real seconds: it takes minutes, but hours on a busy computer or a small one."""
 _REPRODUCIBLE: Final = {"KBUILD_BUILD_USER": "evbotos", "KBUILD_BUILD_HOST": "evbotos", "KBUILD_BUILD_VERSION": "1"}
 
 
