@@ -20,7 +20,7 @@ from eal_actors.managers.network_check import no_lock_step
 from eal_actors.managers.plugins import EALPluginManager
 from eal_actors.wire.engine_memory import limit_heaps
 from eal_actors.wire.rpc.client.controller import Controller
-from eal_actors.wire.rpc.client.remote_robot import RemoteRobot, RemoteSpec
+from eal_actors.wire.rpc.client.remote_robot import RemoteRobot
 
 
 class RobotStarter:
@@ -95,8 +95,7 @@ class RobotStarter:
             self._controllers |= dict.fromkeys(names, controller)
         view = RobotView(robot.name, self._clock)
         link = self.services.link(robot.name)
-        spec = RemoteSpec(robot.name, address, self._clock, robot.timeout_s, link, robot.mailbox)
-        return RemoteRobot(spec, view, self._controllers[robot.name]).launch(), view
+        return RemoteRobot(robot, address, link, view, self._controllers[robot.name]).launch(), view
 
     def end_sessions(self, timeout_s: float, robots: Iterable[str] | None = None) -> None:
         """Close the network sessions that only some robots used, which are closed; all sessions if None.

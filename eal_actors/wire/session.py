@@ -132,11 +132,8 @@ def router_config(
 ) -> dict[str, Any]:
     """Return the zenoh configuration of a router; ConfigError if its keys are missing.
 
-    Args:
-        listen: endpoints to listen at.
-        connect: endpoints of other routers to join; unreachable ones are retried.
-        fleet: its network settings and security apply; messages of any fleet pass if None.
-        name: name of the router's certificate, in a fleet with security.
+    It joins the routers at the endpoints `connect`; unreachable ones are retried. A fleet's network settings and
+    security apply, with a certificate of the given name; messages of any fleet pass if None.
     """
     network = DEFAULT_NETWORK if fleet is None else fleet.network
     sessions = 2 * len(fleet.robots) if fleet is not None else 0
@@ -218,12 +215,11 @@ def open_session(
 
     A client waits for the first router that answers. Peers and routers open without waiting; a refused link, for
     example for a missing certificate, shows only as calls without replies. `on_stuck` is called when the engine
-    finishes no handshake any more; the session should be opened again then. Thread: any; blocks while it opens, and up
-    to CLOSE_TIMEOUT_S while it closes.
+    finishes no handshake any more; the session should be opened again then. Raises UnavailableError if the port is in
+    use, no router answers, or it took longer than `timeout_s` real seconds, and ProtocolError if zenoh does not take
+    the configuration.
 
-    Raises:
-        UnavailableError: the port is in use, no router answers, or it took longer than `timeout_s` real seconds.
-        ProtocolError: zenoh does not take the configuration.
+    Thread: any; blocks while it opens, and up to CLOSE_TIMEOUT_S while it closes.
     """
     import zenoh
 

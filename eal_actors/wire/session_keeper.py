@@ -114,11 +114,8 @@ def router_session(fleet: FleetConfig | None, name: str, configure: Callable[[],
     """Keep a router's session open for the length of a `with` block, with a certificate of the given name.
 
     Without a fleet, it is the router of all fleets, without security. A router stores the revoked names that it
-    forwards to robots, so that it follows them too. Thread: blocks the caller while it opens and closes.
-
-    Raises:
-        UnavailableError: the port is in use.
-        ConfigError: the keys are missing.
+    forwards to robots, so that it follows them too. Raises UnavailableError if the port is in use, and ConfigError if
+    the keys are missing. Thread: blocks the caller while it opens and closes.
     """
     keeper = SessionKeeper(name, DEFAULT_NETWORK if fleet is None else fleet.network, configure)
     security = None if fleet is None else fleet.network.security

@@ -202,7 +202,7 @@ def test_malformed_calls_harm_nobody(remote: RobotHandle) -> None:
 
 
 def test_who_does_not_greet_keeps_nobody_out(remote: RobotHandle) -> None:
-    port = int(remote._actor.spec.address.rpartition(":")[2])  # type: ignore[attr-defined]
+    port = int(remote._actor.address.rpartition(":")[2])  # type: ignore[attr-defined]
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as silent:
         silent.connect(f"\0eal-3-{process_of(remote)}")
         assert silent.recv(1) == b""  # after a moment it is shown the door
@@ -226,7 +226,7 @@ print(dial(sys.argv[1], int(sys.argv[2])))
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="needs root to be another user")
 def test_other_users_get_no_link(remote: RobotHandle) -> None:
-    port = remote._actor.spec.address.rpartition(":")[2]  # type: ignore[attr-defined]
+    port = remote._actor.address.rpartition(":")[2]  # type: ignore[attr-defined]
     command = [sys.executable, "-c", DIAL, process_of(remote), port]
     done = subprocess.run(command, capture_output=True, text=True, timeout=WAIT_S, check=True)
     assert done.stdout == "None\n"

@@ -27,7 +27,7 @@ from eal_actors.wire.format.messages import (
     encode_heartbeat,
 )
 from eal_actors.wire.format.packing import PROTOCOL_VERSION
-from eal_actors.wire.format.parts import fits, split
+from eal_actors.wire.format.parts import split
 from eal_actors.wire.security.certificates import make_authority, make_certificate
 from eal_actors.wire.session import controller_config, open_session
 from tests.net.links import eventually
@@ -104,9 +104,8 @@ class RawClient:
         time = self.time
         header = CallHeader(self.id, self.epoch, self.sequence, 60.0, 60.0, None, arguments, time.era, time.time_s, 0.0)
         envelope, payload = encode_call(header, data)
-        parts = [(envelope, bytes(payload))] if fits(envelope, payload) else split(self.sequence, envelope, payload)
-        for head, content in parts:
-            self.put(resource, method, head, payload=content)
+        for head, content in split(envelope, payload):
+            self.put(resource, method, head, payload=bytes(content))
         while True:
             reply = decode_reply(*self._heard.get(timeout=WAIT_S))
             if reply.time is not None:

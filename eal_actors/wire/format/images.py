@@ -72,17 +72,17 @@ def decode_image(file: Payload, shape: tuple[int, ...], encoding: Encoding) -> m
     import numpy as np
 
     size = _png_size(file) if encoding == "png" else _jpeg_size(file)
-    if size != shape[:2]:
-        found = "cannot be read" if size is None else f"has the shape {(*size, 3)}"
-        raise ProtocolError(f"a frame as {encoding}, of shape {shape} by its header, {found}")
-    try:
-        image: np.ndarray[Any, Any] | None = cv2.imdecode(np.frombuffer(file, np.uint8), cv2.IMREAD_COLOR_RGB)
-    except cv2.error as error:
-        raise ProtocolError(f"a frame is no {encoding} image: {error}") from error
-    if image is None or image.shape != shape:
-        found = "cannot be read" if image is None else f"has the shape {image.shape}"
-        raise ProtocolError(f"a frame as {encoding}, of shape {shape} by its header, {found}")
-    return memoryview(image.data).cast("B")
+    found = None if size is None else (*size, 3)
+    if size == shape[:2]:
+        try:
+            image: np.ndarray[Any, Any] | None = cv2.imdecode(np.frombuffer(file, np.uint8), cv2.IMREAD_COLOR_RGB)
+        except cv2.error as error:
+            raise ProtocolError(f"a frame is no {encoding} image: {error}") from error
+        if image is not None and image.shape == shape:
+            return memoryview(image.data).cast("B")
+        found = None if image is None else image.shape
+    what = "cannot be read" if found is None else f"has the shape {found}"
+    raise ProtocolError(f"a frame as {encoding}, of shape {shape} by its header, {what}")
 
 
 def _png_size(file: Payload) -> tuple[int, int] | None:

@@ -82,9 +82,7 @@ class CallKey(NamedTuple):
     """Parts of the key of a call.
 
     Attributes:
-        fleet: name of the fleet, any text.
         resource: name of the resource; ROBOT for the robot itself.
-        method: one of RESOURCE_METHODS or ROBOT_METHODS.
         caller: name of the caller's certificate; ANYBODY in a fleet without security.
         client: secret of the caller's process; see client_id.
     """

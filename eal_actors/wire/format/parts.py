@@ -11,6 +11,7 @@ A part differs from a single message in its length: a list of five items.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final
@@ -45,16 +46,15 @@ BEGINS_PART: Final = b"\x95"
 
 _HEAD_BYTES: Final = 64
 """Bytes of a call's envelope that contain its number."""
+_numbers: Final = itertools.count()  # of the calls of this process that are split
 
 
-def fits(envelope: bytes | None, payload: Payload) -> bool:
-    """Return whether a call fits into one message."""
-    return len(envelope or b"") + len(payload) <= PART_BYTES
-
-
-def split(number: int, envelope: bytes, payload: Payload) -> Iterator[tuple[bytes, bytes]]:
-    """Yield the envelope and the payload of each part of a call, whose number no other unfinished call has."""
-    content = b"".join((envelope, payload))
+def split(envelope: bytes, payload: Payload) -> Iterator[tuple[bytes, Payload]]:
+    """Yield the envelope and the payload of each message of a call: its own, or those of its parts if it is large."""
+    if len(envelope) + len(payload) <= PART_BYTES:
+        yield envelope, payload
+        return
+    number, content = next(_numbers), b"".join((envelope, payload))
     for offset in range(0, len(content), PART_BYTES):
         row = PROTOCOL_VERSION, number, offset, len(content), len(envelope)
         yield pack(row, "part"), content[offset : offset + PART_BYTES]

@@ -86,10 +86,9 @@ def key_file(folder: Path, name: str) -> Path:
 def make_authority(folder: Path, fleet: str, *, force: bool = False) -> Certificate:
     """Create the authority of a fleet, which signs all its certificates.
 
-    The folder of the keys is created, readable for its owner only, if it is missing. With `force`, an existing
-    authority is replaced, which invalidates all its certificates.
-
-    Raises ConfigError if an authority exists, the files cannot be written, or `cryptography` is not installed.
+    The folder of the keys is created, readable for its owner only, if it is missing. `force` replaces an existing
+    authority, which invalidates all its certificates. Raises ConfigError if an authority exists, the files cannot be
+    written, or `cryptography` is not installed.
     """
     _require_cryptography()
     return _issue(None, folder, AUTHORITY, f"{fleet} fleet authority"[:_MAX_NAME], (), _AUTHORITY_VALID, force=force)
@@ -100,10 +99,9 @@ def make_certificate(
 ) -> Certificate:
     """Create a certificate, valid for dialling out and for being dialled at the hosts, from now on for a lifetime.
 
-    The folder has the authority. Access control uses the name. With `force`, an existing certificate is replaced.
-
-    Raises ConfigError if the name is invalid, the certificate exists, the authority is missing or unreadable, the files
-    cannot be written, or `cryptography` is not installed.
+    The folder has the authority. Access control uses the name. `force` replaces an existing certificate. Raises
+    ConfigError if the name is invalid, the certificate exists, the authority is missing or unreadable, the files cannot
+    be written, or `cryptography` is not installed.
     """
     _require_cryptography()
     if not re.fullmatch(NAME_PATTERN, name) or len(name) > _MAX_NAME or name.lower() == AUTHORITY:

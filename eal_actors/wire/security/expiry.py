@@ -27,9 +27,7 @@ _TIME_FORMATS: Final = {0x17: "%y%m%d%H%M%SZ", 0x18: "%Y%m%d%H%M%SZ"}  # UTCTime
 
 
 def validity(file: Path) -> tuple[datetime, datetime]:
-    """Return when a certificate begins and ceases to be valid, in UTC.
-
-    Raises ValueError if the file is no certificate, and OSError if it cannot be read.
+    """Return when a certificate begins and ceases to be valid, in UTC; ValueError if it is none, or OSError.
 
     Source: RFC 5280 §4.1; ITU-T X.690 §8.1 (DER).
     """

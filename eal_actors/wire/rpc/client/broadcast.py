@@ -19,7 +19,7 @@ from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import CallHeader, CallReply, decode_reply, encode_call
 from eal_actors.wire.format.packing import check_version
-from eal_actors.wire.format.parts import fits, split
+from eal_actors.wire.format.parts import split
 from eal_actors.wire.session import controller_config, open_session
 from eal_actors.wire.transport import Transport
 
@@ -48,11 +48,8 @@ def ask_robots(
     """Call a method of each robot urgently, as soon as the robot is reachable, and again until it answers.
 
     The method is one of the robot itself, and idempotent; the robots have addresses. `on_result` is called once for
-    each robot: when it has answered, or after `timeout_s` real seconds.
-
-    Raises UnavailableError if no router answers, and ConfigError if the keys are missing.
-
-    Thread: blocks the caller, which also runs `on_result`.
+    each robot: when it has answered, or after `timeout_s` real seconds. Raises UnavailableError if no router answers,
+    and ConfigError if the keys are missing. Thread: blocks the caller, which also runs `on_result`.
     """
     broadcast = _Broadcast(config, robots, method, arguments, on_result)
     with open_session(controller_config(config, robots), timeout_s) as session:
@@ -111,8 +108,7 @@ class _Broadcast:
         header = CallHeader(self._client, 0, self._sequence, left_s, left_s, None, self._arguments)
         envelope, payload = encode_call(header)
         key = keys.CallKey(self._config.network_name, robot, keys.ROBOT, self._method, self._caller, self._secret)
-        messages = [(envelope, payload)] if fits(envelope, payload) else split(self._sequence, envelope, payload)
-        for attachment, content in messages:
+        for attachment, content in split(envelope, payload):
             transport.put(keys.call_key(key), attachment, content, is_urgent=True)
 
     # Messages, in the readers' threads.

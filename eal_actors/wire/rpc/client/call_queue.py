@@ -83,10 +83,8 @@ class CallQueue(UrgentMessage):
     def put(self, envelope: Call[Any]) -> None:
         """Add a call.
 
-        Raises:
-            AccessDeniedError: the robot does not grant it.
-            BusyError: too many calls to its resource are pending.
-            UnavailableError: the connection has ended.
+        Raises AccessDeniedError if the robot does not grant it, BusyError if too many calls to its resource are
+        pending, and UnavailableError if the connection has ended.
         """
         with self._lock:
             if self._end is not None or self._channel.rights is not None:

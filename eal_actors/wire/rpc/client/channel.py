@@ -187,5 +187,4 @@ class _Request(UrgentMessage):
     def lost(self) -> None:
         self.on_failure()
 
-    def timed_out(self) -> None:
-        self.on_failure()
+    timed_out = lost

@@ -37,12 +37,10 @@ class CommandEncoder:
         now_s: float,
         left_s: float,
     ) -> tuple[CallId, bytes, Payload]:
-        """Return the identifier, the envelope and the payload of a command or a stop.
+        """Return the identifier, the envelope and the payload of a command or a stop, with plain arguments or a value.
 
-        `plain` are its text and int arguments, `data` is its value, `left_s` the real seconds until its deadline.
-        `now_s` is real time, read before `left_s`: so their sum is never later than the deadline.
-
-        Raises DataError if it cannot be sent, and UnavailableError if the robot has not replied yet.
+        `now_s` is real time, read before the real seconds left until its deadline: so their sum is never later than
+        that. Raises DataError if it cannot be sent, and UnavailableError if the robot has not replied yet.
         """
         stamper = self._channel.stamper
         echo = self._echo

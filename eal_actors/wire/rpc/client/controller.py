@@ -9,7 +9,6 @@ While the session is opened again, all robots count as lost.
 from __future__ import annotations
 
 import contextlib
-import itertools
 import math
 import secrets
 import threading
@@ -111,11 +110,11 @@ class Controller(EALActor):
         self.last_handshake_s = -math.inf
         self._versions: dict[str, int] = {}  # protocol versions of the live robots
         self._transport: Transport | None = None
-        self._part_numbers = itertools.count()
         self._stack = ExitStack()
         self.sender: Final = CallSender(f"{config.name} sender", self.put, self.is_alive)
         self._urgent_sender = Sender(f"{config.name} urgent sender")
         self._callbacks = EALActor(f"{config.name} callbacks", clock)
+        self._helpers = self.sender, self._urgent_sender, self._callbacks
         self.local: Final = LocalLinks(self._on_reply, is_on=config.network.shared_memory and security is None)
 
     def warnings(self) -> list[str]:
@@ -126,9 +125,8 @@ class Controller(EALActor):
 
     @override
     def launch(self) -> Self:
-        self.sender.launch()
-        self._urgent_sender.launch()
-        self._callbacks.launch()
+        for helper in self._helpers:
+            helper.launch()
         return super().launch()
 
     @property
@@ -231,8 +229,8 @@ class Controller(EALActor):
     def on_stop(self) -> None:
         self._transport = None
         self.local.close()
-        for actor in (self.sender, self._urgent_sender, self._callbacks):
-            actor.end_soon()
+        for helper in self._helpers:
+            helper.end_soon()
         self._stack.close()
 
     @override
@@ -243,8 +241,7 @@ class Controller(EALActor):
     def join(self, timeout_s: float) -> bool:
         """Wait (real time) for its end; return whether all its threads ended. Thread: blocks the caller."""
         end_s = REAL_TIME.now() + timeout_s
-        actors = (self, self.sender, self._urgent_sender, self._callbacks)
-        threads = [actor.thread for actor in actors if actor.thread is not None]
+        threads = [actor.thread for actor in (self, *self._helpers) if actor.thread is not None]
         with self.clock.outside():
             for thread in threads:
                 thread.join(max(0.0, end_s - REAL_TIME.now()))
@@ -303,7 +300,7 @@ class Controller(EALActor):
         elif len(envelope) + len(payload) <= parts.PART_BYTES:
             is_sent = transport.put(key, envelope, payload, is_urgent=is_urgent, is_last=is_last)
         else:
-            split = parts.split(next(self._part_numbers), envelope, payload)
+            split = parts.split(envelope, payload)
             is_sent = all(transport.put(key, *part, is_urgent=is_urgent, is_last=is_last) for part in split)
         return is_sent and self._versions.get(robot) == PROTOCOL_VERSION  # it may have gone before the call was pending
 

@@ -7,7 +7,6 @@ that change nothing are made again, and the robot is asked for the outcomes of t
 
 from __future__ import annotations
 
-import itertools
 import threading
 from collections.abc import Callable
 from typing import Final
@@ -28,7 +27,6 @@ class LocalLinks:
         self.links: Final[dict[str, LocalLink]] = {}
         self._receive = receive
         self._on_lost: dict[str, Callable[[], None]] = {}
-        self._part_numbers = itertools.count()
         self._is_on = is_on
         self._lock = threading.Lock()
         self._processes: dict[str, LocalLink | None] = {}  # None for those that have refused
@@ -67,8 +65,7 @@ class LocalLinks:
             return link.send(key, envelope, payload) or None
         if len(envelope) + len(payload) <= parts.PART_BYTES:
             return link.send_patiently(key, envelope, payload)
-        number = next(self._part_numbers)
-        return all(link.send_patiently(key, *part) for part in parts.split(number, envelope, payload))
+        return all(link.send_patiently(key, *part) for part in parts.split(envelope, payload))
 
     def _forget(self, link: LocalLink) -> None:
         with self._lock:

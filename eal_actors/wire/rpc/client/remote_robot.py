@@ -11,7 +11,7 @@ import threading
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Final, NamedTuple
+from typing import Final
 
 from typing_extensions import override
 
@@ -20,9 +20,10 @@ from eal_actors.actors.call import ResourceCell
 from eal_actors.actors.future import Future
 from eal_actors.actors.robot_view import Ping, RobotState, RobotView, RunningCommand
 from eal_actors.device.link import FaultyLink
-from eal_actors.kernel.clock import REAL_TIME, Clock
+from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import ProtocolError, UnavailableError, error_text
 from eal_actors.kernel.log import get_logger
+from eal_actors.managers.fleet_model import RobotConfig
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import Answer, RobotEvent, RobotTime
 from eal_actors.wire.format.packing import check_version
@@ -36,21 +37,6 @@ from eal_actors.wire.streams.reader import RemoteFeeds
 
 CONNECT_S: Final = 3.0
 """Real seconds after which a fleet no longer waits for a robot that does not answer, unless others still begin to."""
-
-
-class RemoteSpec(NamedTuple):
-    """Specification of a remote robot: its address, the default deadline of a call, and injected faults.
-
-    `mailbox` limits the pending calls to one resource.
-    """
-
-    name: str
-    address: str
-    clock: Clock
-    timeout_s: float
-    link: FaultyLink
-    mailbox: int
-
 
 _REQUEST_TIMEOUT_S: Final = 2.0
 _LEAVE_TIMEOUT_S: Final = 0.5
@@ -66,24 +52,28 @@ class RemoteRobot(EALActor):
 
     is_remote = True
 
-    def __init__(self, spec: RemoteSpec, view: RobotView, controller: Controller) -> None:
-        super().__init__(spec.name, spec.clock)
-        self.spec = spec
+    def __init__(
+        self, config: RobotConfig, address: str, link: FaultyLink, view: RobotView, controller: Controller
+    ) -> None:
+        super().__init__(config.name, view.clock)
+        self._timeout_s = config.timeout_s
+        self.address = address
+        self._link = link
         self.view = view
         view.controller_id = controller.client
         self._controller = controller
         self._channel = Channel(self, view, controller)
-        self.calls: Final = CallQueue(self._channel, spec.mailbox)
+        self.calls: Final = CallQueue(self._channel, config.mailbox)
         self._feeds = RemoteFeeds(self._channel)
         self._board = CommandBoard()
         self._listener = RobotListener(
-            spec.name, self._on_alive, self._on_gone, self.calls.receive_reply, self._on_event, self.calls.tick
+            self.name, self._on_alive, self._on_gone, self.calls.receive_reply, self._on_event, self.calls.tick
         )
         self._unsent_stop: str | None = None
         self._is_repeating_stop = False
         self._is_shaking_hands = False
         self._losses = 0
-        self._log = get_logger(robot=spec.name)
+        self._log = get_logger(robot=self.name)
 
     # Life.
 
@@ -102,12 +92,12 @@ class RemoteRobot(EALActor):
     def _stop_waiting(self) -> None:
         if self.view.state is RobotState.STARTING:
             is_busy = REAL_TIME.now() - self._controller.last_handshake_s < CONNECT_S
-            if is_busy and self._controller.is_alive(self.spec.name):  # it may be one of a thousand
+            if is_busy and self._controller.is_alive(self.name):  # it may be one of a thousand
                 self.actor_inbox.call_later(self.clock.of_real(CONNECT_S), self._stop_waiting)
                 return
             others = self._controller.foreign.describe()
             what = f"; robots of another fleet do, which only its own file commands: {others}" if others else ""
-            self._note_lost(f"does not answer at {self.spec.address}{what}; the connection is retried")
+            self._note_lost(f"does not answer at {self.address}{what}; the connection is retried")
         self.view.started.set(None)
 
     # Callbacks of the controller, in the readers' threads.
@@ -165,7 +155,7 @@ class RemoteRobot(EALActor):
         self.actor_inbox.call_later(self.clock.of_real(_HELLO_RETRY_S), self._shake_hands_if_alive)
 
     def _shake_hands_if_alive(self) -> None:
-        if self._controller.is_alive(self.spec.name) and self.view.state is not RobotState.READY:
+        if self._controller.is_alive(self.name) and self.view.state is not RobotState.READY:
             self._shake_hands()
 
     def _finish_handshake(self, answer: Answer) -> None:
@@ -183,12 +173,12 @@ class RemoteRobot(EALActor):
         self._channel.memory.reset()
         if is_another or self.view.state is not RobotState.READY:  # else its calls already take one way, and keep to it
             lose_all = self._channel.pending.lose_all
-            self._controller.local.connect(self.spec.name, handshake.process, self.spec.address, lose_all)
+            self._controller.local.connect(self.name, handshake.process, self.address, lose_all)
         self.view.not_ready = dict(handshake.not_ready)
         self._update_cells(handshake)
         self._update_stop(handshake.stopped)
         if self.view.state is not RobotState.READY:
-            self._log.info("robot is ready", address=self.spec.address)
+            self._log.info("robot is ready", address=self.address)
         self.view.state = RobotState.READY
         self.view.started.set(None)
         self.calls.tracker.reattach()
@@ -200,9 +190,9 @@ class RemoteRobot(EALActor):
         for info in handshake.infos:
             cell = cells.get(info.name)
             if cell is None:
-                spec, latch = self.spec, self.view.latch
+                keeper, latch = self._controller.timekeeper, self.view.latch
                 cell = cells[info.name] = ResourceCell(
-                    spec.name, info.name, self.clock, self._controller.timekeeper, spec.timeout_s, spec.link, latch
+                    self.name, info.name, self.clock, keeper, self._timeout_s, self._link, latch
                 )
                 cell.open_feed = self._feeds.open
             cell.info = info
@@ -211,7 +201,7 @@ class RemoteRobot(EALActor):
             cells[name].actor = None
             cells[name].error = UnavailableError("the robot no longer has it")
         self.view.cells = cells
-        self.view.problems = tuple(UnavailableError(problem, robot=self.spec.name) for problem in handshake.problems)
+        self.view.problems = tuple(UnavailableError(problem, robot=self.name) for problem in handshake.problems)
 
     def _update_stop(self, stopped: str | None) -> None:
         """Copy the robot's emergency stop; a stop that has not reached the robot is sent again."""
@@ -233,7 +223,7 @@ class RemoteRobot(EALActor):
             self.calls.tracker.give_up(f"the robot {self.view.problems[-1].message}")
 
     def _note_lost(self, reason: str) -> None:
-        error = UnavailableError(reason, robot=self.spec.name)
+        error = UnavailableError(reason, robot=self.name)
         if self.view.state is not RobotState.LOST:
             self._log.warning("robot is lost", reason=reason)
             self._losses += 1

@@ -101,12 +101,8 @@ class Admission:
         """Admit a command; call `finish` when it has ended. Call `silences` first, unless it is quiet.
 
         Returns its identifier, the robot's real time, and the real seconds from then within which it must begin and
-        until its deadline.
-
-        Raises:
-            StaleCommandError: it is too old, or was received before.
-            DeadlineError: its deadline has passed on the way.
-            ResourceBusyError: another controller holds the resource.
+        until its deadline. Raises StaleCommandError if it is too old, or was received before, DeadlineError if its
+        deadline has passed on the way, and ResourceBusyError if another controller holds the resource.
         """
         stamp = _stamp_of(header)
         with self._guard:

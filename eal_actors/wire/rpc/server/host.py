@@ -119,11 +119,8 @@ class RobotHost(EALActor):
     def _revoke(self, names: Iterable[str]) -> None:
         """Disconnect controllers whose certificates are revoked, and store their names; see `revoke`.
 
-        From here on their messages are ignored. The session's keeper sees the stored list and ends their links.
-
-        Raises:
-            ConfigError: the names cannot be stored; they are ignored until the server ends.
-            UnsupportedError: the fleet has no security.
+        From here on their messages are ignored. The session's keeper sees the stored list and ends their links. Raises
+        ConfigError if the names cannot be stored, and UnsupportedError if the fleet has no security.
         """
         security = self._network.security
         if security is None:

@@ -30,15 +30,10 @@ from eal_actors.wire.streams.publisher import StreamPublisher
 
 
 class HostServices(NamedTuple):
-    """Services of a host for the servers of its robots.
+    """Services of a host, which is a process with an identifier, for the servers of its robots.
 
-    Attributes:
-        fleet: the fleet's name.
-        outbox: sends replies and events.
-        process: identifier of the host.
-        requests: runs calls of the robots themselves in the host's thread.
-        revoke: adds names to the list of revoked certificates; runs in the host's thread.
-        remove: removes the server of a robot, which is closed.
+    `requests` runs calls of the robots themselves in the host's thread; there `revoke` adds names to the list of
+    revoked certificates. A server that is closed is removed.
     """
 
     fleet: str
@@ -79,16 +74,18 @@ class RequestHandler:
 
     def answer(self, method: str, header: CallHeader) -> Answer:
         """Answer any other method; an error becomes the answer."""
-        handle = {
+        handlers: dict[str, Callable[[CallHeader], Answer | None]] = {  # those without an answer succeed: 1
             keys.HELLO: self._hello,
             keys.REATTACH: self._reattach,
             keys.CANCEL: self._cancel,
-            keys.LEAVE: self._leave,
-            keys.REVOKE: self._revoke,
-            keys.MEMORY: self._share_memory,
-        }[method]
+            keys.LEAVE: lambda header: self.disconnect(header.client),
+            keys.REVOKE: lambda header: self._host.revoke(map(str, header.arguments)),
+            keys.MEMORY: lambda header: int(self._memories.open(header.client, header.arguments)),
+        }
+        handle = handlers[method]
         try:
-            return handle(header)
+            answer = handle(header)
+            return 1 if answer is None else answer
         except EALError as error:
             return error.at(self._robot.name)
         except Exception as error:  # noqa: BLE001  # arguments of a controller must not crash the server
@@ -135,26 +132,14 @@ class RequestHandler:
                 running.append([epoch, sequence])
         return {"running": running, "unknown": unknown}
 
-    def _cancel(self, header: CallHeader) -> Answer:
+    def _cancel(self, header: CallHeader) -> None:
         epoch, sequence = (int(number) for number in header.arguments)
         self._running.cancel(CallId(header.client, epoch, sequence))
-        return 1
 
     def release(self, header: CallHeader) -> Answer:
         """End leases of a controller and halt those resources. Thread: any; at once, since a command may follow."""
         for resource in self._admission.release(header.client, [str(name) for name in header.arguments]):
             self._robot[resource].halt()
-        return 1
-
-    def _revoke(self, header: CallHeader) -> Answer:
-        self._host.revoke(map(str, header.arguments))
-        return 1
-
-    def _share_memory(self, header: CallHeader) -> Answer:
-        return int(self._memories.open(header.client, header.arguments))
-
-    def _leave(self, header: CallHeader) -> Answer:
-        self.disconnect(header.client)
         return 1
 
     def disconnect(self, client: str) -> None:

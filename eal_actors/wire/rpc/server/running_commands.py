@@ -81,13 +81,8 @@ class ServedCommand:
         """Return the fields of its `began` event; times are the robot's real time."""
         call = self.call
         began_s = self.since_s if call.began_s is None else call.clock.to_real(call.began_s)
-        about = {
-            "resource": call.cell.name,
-            "command": _truncate(command_of(call)),
-            "by": call.caller,
-            "since_s": began_s,
-        }
-        return {**about, **self.progress_fields()}
+        about = {"resource": call.cell.name, "command": _truncate(command_of(call)), "by": call.caller}
+        return {**about, "since_s": began_s, **self.progress_fields()}
 
     def progress_fields(self) -> dict[str, Any]:
         """Return the fields of a `progress` event; empty if the command reports no progress."""

@@ -23,10 +23,10 @@ def first_part(number: int, total: int) -> tuple[bytes, bytes]:
     return pack((3, number, 0, total, 0), "part"), bytes(10)
 
 
-@given(st.integers(0, 3), st.binary(min_size=1, max_size=2000), st.integers(0, 3 * parts.PART_BYTES))
-def test_a_call_arrives_as_it_was(number: int, envelope: bytes, length: int) -> None:
-    store, payload = parts.PartStore(), bytes(range(251)) * (length // 251)
-    messages = list(parts.split(number, envelope, payload))
+@given(st.binary(min_size=1, max_size=2000), st.integers(parts.PART_BYTES, 3 * parts.PART_BYTES))
+def test_a_call_arrives_as_it_was(envelope: bytes, length: int) -> None:
+    store, payload = parts.PartStore(), (bytes(range(251)) * (length // 251 + 1))[:length]
+    messages = list(parts.split(envelope, payload))
     assert all(row[:1] == parts.BEGINS_PART and len(content) <= parts.PART_BYTES for row, content in messages)
     *before, whole = [store.add(ANNA, *message) for message in messages]
     assert before == [None] * len(before)
@@ -34,9 +34,14 @@ def test_a_call_arrives_as_it_was(number: int, envelope: bytes, length: int) -> 
     assert store.held_bytes == 0
 
 
+def test_a_small_call_is_one_message() -> None:
+    envelope, payload = b"a", bytes(parts.PART_BYTES - 1)
+    assert list(parts.split(envelope, payload)) == [(envelope, payload)]
+
+
 def test_calls_may_be_interleaved() -> None:
     store, (one, two) = parts.PartStore(), (bytes([number]) * 100_000 for number in (1, 2))
-    rows = zip(parts.split(1, b"a", one), parts.split(2, b"b", two), strict=True)
+    rows = zip(parts.split(b"a", one), parts.split(b"b", two), strict=True)
     answers = [store.add(ANNA, *message) for pair in rows for message in pair]
     assert [answer for answer in answers if answer] == [(b"a", one), (b"b", two)]
 
@@ -63,7 +68,7 @@ def test_what_is_no_part_is_refused(row: tuple[object, ...], payload: bytes) -> 
 
 def test_a_part_out_of_order_ends_its_call() -> None:
     store = parts.PartStore()
-    first, second, third = parts.split(1, b"a", bytes(3 * parts.PART_BYTES - 1))
+    first, second, third = parts.split(b"a", bytes(3 * parts.PART_BYTES - 1))
     assert [store.add(ANNA, *part) for part in (first, third, second, third)] == [None] * 4
     assert store.held_bytes == 0
 
