@@ -16,7 +16,7 @@ from eal_actors.device.data import EALData, Payload
 from eal_actors.device.data.c_types import short_repr
 from eal_actors.kernel.errors import DataError, EALError, ProtocolError
 from eal_actors.wire.format.images import decode_image, encode_image
-from eal_actors.wire.format.messages import RobotTime
+from eal_actors.wire.format.messages import Arguments, RobotTime
 from eal_actors.wire.format.packing import (
     MAX_PAYLOAD_BYTES,
     PROTOCOL_VERSION,
@@ -131,7 +131,7 @@ def rate_text(spec: StreamSpec) -> str:
     return f"{spec.rate_hz:g}"
 
 
-def stream_request(spec: StreamSpec, lease_s: float) -> tuple[str | int, ...]:
+def stream_request(spec: StreamSpec, lease_s: float) -> Arguments:
     """Return the arguments of a stream request; a lease of 0 real seconds ends the stream."""
     return spec.encoding, rate_text(spec), round(lease_s * 1000)
 

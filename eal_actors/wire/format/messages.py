@@ -76,6 +76,10 @@ class CallId(NamedTuple):
     sequence: int
 
 
+Arguments: TypeAlias = tuple[str | int, ...]
+"""The str and int arguments of a method in order; ints have at most 64 bits."""
+
+
 class CallHeader(NamedTuple):
     """Fields of a call other than its key and its value; the first three are those of CallId.
 
@@ -83,7 +87,6 @@ class CallHeader(NamedTuple):
         ttl_s: time to live: real seconds after the sending within which the robot may begin.
         deadline_s: real seconds from the sending to the caller's deadline; negative once it has passed.
         start_s: time to begin, by the robot's clock, in seconds; None for at once.
-        arguments: the method's str and int arguments in order; ints have at most 64 bits.
         era: of a command, as `echo_s` and `held_s`: proof of its age; see freshness.Stamp.
         has_more: ignored; older releases announce further commands with it.
         traceparent: span of the call in the format of W3C Trace Context; empty without tracing.
@@ -95,7 +98,7 @@ class CallHeader(NamedTuple):
     ttl_s: float
     deadline_s: float
     start_s: float | None = None
-    arguments: tuple[str | int, ...] = ()
+    arguments: Arguments = ()
     era: str = ""
     echo_s: float = 0.0
     held_s: float = 0.0

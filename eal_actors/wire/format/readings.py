@@ -9,12 +9,12 @@ Thread: any; nothing here keeps state.
 from __future__ import annotations
 
 from eal_actors.device.data import EALData
-from eal_actors.wire.format.messages import DATA, STATUS, CallId
+from eal_actors.wire.format.messages import DATA, STATUS, Arguments, CallId
 from eal_actors.wire.format.packing import PROTOCOL_VERSION, pack, packed_client
 
 
 def encode_reading(
-    client: str, epoch: int, sequence: int, left_s: float, arguments: tuple[str | int, ...], traceparent: str
+    client: str, epoch: int, sequence: int, left_s: float, arguments: Arguments, traceparent: str
 ) -> bytes:
     """Return the envelope of a call that changes nothing, as encode_call; DataError if a field cannot be packed.
 
@@ -30,7 +30,7 @@ def encode_command(
     call_id: CallId,
     ttl_s: float,
     left_s: float,
-    arguments: tuple[str | int, ...],
+    arguments: Arguments,
     proof: tuple[str, float, float],
     traceparent: str,
 ) -> bytes:

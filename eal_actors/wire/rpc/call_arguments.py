@@ -18,7 +18,7 @@ from eal_actors.device.data import EALData
 from eal_actors.device.info import ResourceInfo
 from eal_actors.kernel.errors import AccessDeniedError, ProtocolError
 from eal_actors.wire.format.keys import CallKey
-from eal_actors.wire.format.messages import CallHeader
+from eal_actors.wire.format.messages import Arguments, CallHeader
 from eal_actors.wire.security.access import Rights
 
 _ARGUMENT_TYPES: Final[dict[str, tuple[type, ...]]] = {
@@ -40,7 +40,7 @@ _MAX_TEXT: Final = 4096
 """Limit of a call's texts, since a full mailbox of them may wait. Values have limits of their own."""
 
 
-def split_arguments(call: Call[Any]) -> tuple[tuple[str | int, ...], EALData | None]:
+def split_arguments(call: Call[Any]) -> tuple[Arguments, EALData | None]:
     """Return a call's arguments as its header and its payload carry them."""
     if len(call.arguments) == 2 and call.arguments[1] is None:  # a command whose text has all
         return call.arguments[:1], None
@@ -81,7 +81,7 @@ def start_call(
     return handle.start_call(method, arguments, timeout_s, begin_by_s, start_s, prepare)
 
 
-def check_arguments(method: str, plain: tuple[str | int, ...], data: EALData | None) -> None:
+def check_arguments(method: str, plain: Arguments, data: EALData | None) -> None:
     """Raise ProtocolError unless a method takes such arguments."""
     if method == "send_cmd" and len(plain) == 1 and type(text := plain[0]) is str and len(text) <= _MAX_TEXT:
         return  # the most frequent one
@@ -91,7 +91,7 @@ def check_arguments(method: str, plain: tuple[str | int, ...], data: EALData | N
         raise ProtocolError(f"{method} does not take the arguments {plain!r}{'' if data is None else ' and a value'}")
 
 
-def check_request(rights: Rights | None, call: CallKey, info: ResourceInfo, arguments: tuple[str | int, ...]) -> None:
+def check_request(rights: Rights | None, call: CallKey, info: ResourceInfo, arguments: Arguments) -> None:
     """Raise AccessDeniedError for a request that may move something, of a caller that may not command the resource.
 
     The engine's access control knows the methods alone, and lets observers send requests.

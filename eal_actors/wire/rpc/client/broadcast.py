@@ -17,7 +17,7 @@ from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.wire.format import keys
-from eal_actors.wire.format.messages import CallHeader, CallReply, decode_reply, encode_call
+from eal_actors.wire.format.messages import Arguments, CallHeader, CallReply, decode_reply, encode_call
 from eal_actors.wire.format.packing import check_version
 from eal_actors.wire.format.parts import split
 from eal_actors.wire.session import controller_config, open_session
@@ -40,7 +40,7 @@ def ask_robots(
     config: FleetConfig,
     robots: Sequence[str],
     method: str,
-    arguments: tuple[str | int, ...] = (),
+    arguments: Arguments = (),
     *,
     on_result: OnResult,
     timeout_s: float = BROADCAST_S,
@@ -60,12 +60,7 @@ class _Broadcast:
     """One method call to many robots."""
 
     def __init__(
-        self,
-        config: FleetConfig,
-        robots: Sequence[str],
-        method: str,
-        arguments: tuple[str | int, ...],
-        on_result: OnResult,
+        self, config: FleetConfig, robots: Sequence[str], method: str, arguments: Arguments, on_result: OnResult
     ) -> None:
         self._config = config
         # Of robots that have not answered; inf: not seen yet. A router hears a revocation even if no robot is there.

@@ -20,7 +20,7 @@ from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import AccessDeniedError, EALError, UnavailableError
 from eal_actors.kernel.log import get_logger
 from eal_actors.wire.format import keys
-from eal_actors.wire.format.messages import Answer, CallHeader, RobotTime, encode_call
+from eal_actors.wire.format.messages import Answer, Arguments, CallHeader, RobotTime, encode_call
 from eal_actors.wire.rpc.client.controller import Controller
 from eal_actors.wire.rpc.client.pending import PendingCalls
 from eal_actors.wire.rpc.client.ping import ClockTracker
@@ -73,7 +73,7 @@ class Channel:
         except EALError:
             get_logger(robot=self.name).debug("the connection has ended; an action is discarded")
 
-    def call(self, method: str, arguments: tuple[str | int, ...], timeout_s: float, read: ReadReply[T]) -> Future[T]:
+    def call(self, method: str, arguments: Arguments, timeout_s: float, read: ReadReply[T]) -> Future[T]:
         """Call a method of the robot itself; `read` makes the future's value of the answer, in the reader's thread.
 
         The future fails with the robot's error, with AccessDeniedError if the robot does not grant the method, and
@@ -101,7 +101,7 @@ class Channel:
     def request(
         self,
         method: str,
-        arguments: tuple[str | int, ...],
+        arguments: Arguments,
         timeout_s: float,
         on_answer: Callable[[Answer], None] = lambda _: None,
         resource: str = keys.ROBOT,
@@ -118,7 +118,7 @@ class Channel:
     def _send(
         self,
         method: str,
-        arguments: tuple[str | int, ...],
+        arguments: Arguments,
         timeout_s: float,
         on_answer: ReadReply[None],
         on_failure: Callable[[], None],

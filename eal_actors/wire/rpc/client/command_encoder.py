@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from eal_actors.actors.call import Call
 from eal_actors.device.data import EALData, Payload
-from eal_actors.wire.format.messages import CallHeader, CallId, RobotTime, encode_call
+from eal_actors.wire.format.messages import Arguments, CallHeader, CallId, RobotTime, encode_call
 from eal_actors.wire.format.readings import encode_command
 from eal_actors.wire.rpc.client.channel import Channel
 
@@ -29,13 +29,7 @@ class CommandEncoder:
         self._echo = time, heard_s
 
     def encode(
-        self,
-        call: Call[Any],
-        plain: tuple[str | int, ...],
-        data: EALData | None,
-        traceparent: str,
-        now_s: float,
-        left_s: float,
+        self, call: Call[Any], plain: Arguments, data: EALData | None, traceparent: str, now_s: float, left_s: float
     ) -> tuple[CallId, bytes, Payload]:
         """Return the identifier, the envelope and the payload of a command or a stop, with plain arguments or a value.
 
