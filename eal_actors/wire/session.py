@@ -235,9 +235,8 @@ def open_session(
     with ExitStack() as stack:
         session = _open(checked, config, timeout_s)
         stack.callback(_close, session, config)
-        listening = (parse_endpoint(text) for text in endpoints_of(config)[: len(config["listen"]["endpoints"])])
         most = ROUTER_STRANGERS if config["mode"] == "router" else ROBOT_STRANGERS
-        ports = frozenset(endpoint.port for endpoint in listening)
+        ports = frozenset(parse_endpoint(text.partition("#")[0]).port for text in config["listen"]["endpoints"])
         links = partial(links_of, session)
         stack.enter_context(guarding(ports, most, lambda: [link.peer for link in links() if link.port in ports]))
         stack.enter_context(watching(lambda: set(links()), ports, on_stuck))

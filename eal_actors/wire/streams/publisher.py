@@ -131,14 +131,12 @@ class StreamPublisher(EALActor):
         self.on_stop()
 
     def _renew(self, key: str, handle: ResourceHandle, spec: StreamSpec, client: str, lease_s: float) -> None:
-        stream = self._streams.get(key)
-        if stream is None:
-            if not lease_s:
-                return
-            stream = self._streams[key] = _PublishedStream(self, key, handle, spec)
-        stream.leases[client] = REAL_TIME.now() + lease_s
         if not lease_s:
             self._forget(client, key)
+            return
+        if (stream := self._streams.get(key)) is None:
+            stream = self._streams[key] = _PublishedStream(self, key, handle, spec)
+        stream.leases[client] = REAL_TIME.now() + lease_s
 
     def _forget(self, client: str, key: str | None = None) -> None:
         for name, stream in self._streams.items():

@@ -17,7 +17,7 @@ from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.wire.format import keys
-from eal_actors.wire.format.messages import Arguments, CallHeader, CallReply, decode_reply, encode_call
+from eal_actors.wire.format.messages import Answer, Arguments, CallHeader, decode_reply, encode_call
 from eal_actors.wire.format.packing import check_version
 from eal_actors.wire.format.parts import split
 from eal_actors.wire.session import controller_config, open_session
@@ -73,7 +73,7 @@ class _Broadcast:
         self._secret = secrets.token_hex(16)
         self._client = keys.client_id(self._caller, self._secret)
         self._sequence = 0
-        self._inbox: deque[tuple[str, CallReply | None]] = deque()
+        self._inbox: deque[tuple[str, Answer | None]] = deque()
         self._waiter = new_waiter()
 
     def run(self, session: zenoh.Session, timeout_s: float) -> None:
@@ -110,13 +110,13 @@ class _Broadcast:
 
     def _on_answer(self, key: str, sample: zenoh.Sample) -> None:
         attachment = sample.attachment
-        try:
-            reply = decode_reply(attachment.to_bytes() if attachment is not None else b"", sample.payload.to_bytes())
-        except ProtocolError as error:
-            reply = CallReply(0, error)
+        envelope = b"" if attachment is None else attachment.to_bytes()
         with contextlib.suppress(ProtocolError):
             _, robot = keys.parse_robot(key)
-            self._enqueue(robot, reply)
+            try:
+                self._enqueue(robot, decode_reply(envelope, sample.payload.to_bytes()).answer)
+            except ProtocolError as error:
+                self._enqueue(robot, error)
 
     def _on_liveliness(self, key: str, sample: zenoh.Sample) -> None:
         import zenoh
@@ -127,23 +127,21 @@ class _Broadcast:
             _, robot, version = keys.parse_alive(key)
             try:
                 check_version(version, "its heartbeat")
-            except ProtocolError as error:
-                self._enqueue(robot, CallReply(0, error))
-            else:
                 self._enqueue(robot, None)
+            except ProtocolError as error:
+                self._enqueue(robot, error)
 
-    def _enqueue(self, robot: str, reply: CallReply | None) -> None:
-        self._inbox.append((robot, reply))
+    def _enqueue(self, robot: str, answer: Answer | None) -> None:
+        self._inbox.append((robot, answer))
         REAL_TIME.wake(self._waiter)
 
     def _handle_messages(self) -> None:
         while self._inbox:
-            robot, reply = self._inbox.popleft()
+            robot, answer = self._inbox.popleft()
             if robot not in self._ask_at_s:
                 continue
-            if reply is None:  # its token appeared
+            if answer is None:  # its token appeared
                 self._ask_at_s[robot] = REAL_TIME.now()
-                continue
-            del self._ask_at_s[robot]
-            answer = reply.answer
-            self._on_result(robot, answer.at(robot) if isinstance(answer, EALError) else None)
+            else:
+                del self._ask_at_s[robot]
+                self._on_result(robot, answer.at(robot) if isinstance(answer, EALError) else None)

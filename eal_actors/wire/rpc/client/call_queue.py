@@ -1,11 +1,10 @@
 """CallQueue: the outgoing calls to one remote robot, from their callers to the robot's replies.
 
-Calls wait here in the order of submission until the fleet's sender gives the queue its turn. They are stamped when
-they are sent, so that waiting does not make them stale. A small call is sent at once, in the caller's thread, while no
-call is in flight: then it waits for no link and overtakes no other call.
-A stop overtakes all waiting calls, and no other robot's stalled link can delay it: after a moment the thread of the
-robot's own connection sends it. Replies are handled in the thread that reads them, which resolves futures and leaves
-callbacks to the controller.
+Calls wait here in the order of submission until the fleet's sender gives the queue its turn. They are stamped when they
+are sent, so that waiting does not make them stale. A small call is sent at once, in the caller's thread, while no call
+is in flight: then it waits for no link and overtakes no other call. A stop overtakes all waiting calls, and no other
+robot's stalled link can delay it: after a moment the thread of the robot's own connection sends it. Replies are handled
+in the thread that reads them, which resolves futures and leaves callbacks to the controller.
 """
 
 from __future__ import annotations
