@@ -29,10 +29,7 @@ RUN_LIMIT_S: Final = 3600.0
 
 @dataclass(frozen=True, slots=True)
 class FinishedTask(Generic[T, R]):
-    """A task that a worker has finished or lost.
-
-    It has crashed if its process died, or was killed because it took too long.
-    """
+    """A finished or lost task; it has crashed if its process died, or was killed because it took too long."""
 
     task: T
     result: R | None

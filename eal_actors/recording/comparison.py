@@ -48,13 +48,7 @@ def compare_runs(left: RunFolder, right: RunFolder, tolerance: float = 0.0) -> I
 
 @dataclass(frozen=True, slots=True)
 class PathDeviation:
-    """The distance between the paths of a robot in two runs.
-
-    Attributes:
-        most_m: the largest distance at the same time.
-        most_s: when that was, in seconds since the start.
-        end_m: the distance of their ends.
-    """
+    """The largest distance of a robot in two runs at the same time, when that was, and the distance of their ends."""
 
     robot: str
     most_m: float

@@ -63,10 +63,7 @@ def film_run(run: RunFolder, world: WorldModel | None) -> Path | None:
 
 
 class _Stage:
-    """The arena, scaled to the picture.
-
-    There is at least one sample for each robot; without a world it shows the paths' surroundings.
-    """
+    """The arena, scaled to the picture; without a world, the paths' surroundings. Each robot has a sample."""
 
     def __init__(self, paths: Mapping[str, Sequence[PoseSample]], world: WorldModel | None) -> None:
         self._paths = paths

@@ -226,12 +226,7 @@ class RecordedMessage:
 
 @dataclass(slots=True)
 class McapContent:
-    """The content of a file.
-
-    Attributes:
-        messages: its messages, in the order of the file.
-        is_complete: False if the end is missing, as after a crash of the controller.
-    """
+    """The content of a file; it is not complete if the end is missing, as after a crash of the controller."""
 
     messages: list[RecordedMessage] = field(default_factory=list)
     attachments: dict[str, Any] = field(default_factory=dict)

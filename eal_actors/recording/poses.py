@@ -23,7 +23,7 @@ POSE_RESOURCES: Final = ("TruePose", "Pose")
 """The sampled resources; their values are [x m, y m, yaw rad] in the map frame. A path is of the first that exists."""
 POSE_PERIOD_S: Final = 0.1
 _POSE: Final = ValueInfo(DataType.DOUBLE, shape=(3,))
-_ROUNDING_S: Final = 0.0005
+ROUNDING_S: Final = 0.0005
 """Times in tables are rounded to a thousandth of a second."""
 
 
@@ -62,7 +62,7 @@ def split_at_breaks(path: Sequence[PoseSample], breaks_s: Sequence[float]) -> li
     """Split a path at the times at which its run was resumed: nothing is known between two parts."""
     parts, first = [], 0
     for break_s in breaks_s:
-        last = bisect_left(path, break_s - _ROUNDING_S, key=attrgetter("time_s"))
+        last = bisect_left(path, break_s - ROUNDING_S, key=attrgetter("time_s"))
         parts.append(path[first:last])
         first = last
     return [part for part in (*parts, path[first:]) if part]

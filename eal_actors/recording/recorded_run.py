@@ -93,12 +93,7 @@ class RecordedRun:
         """Return the calls of a resource, in the order of their begins."""
         found = [
             RecordedCall(
-                seconds(entry.message),
-                entry.time_s,
-                entry.message["method"],
-                entry.message["command"],
-                entry.message["outcome"],
-                entry.message["error"],
+                seconds(entry.message), entry.time_s, *(entry.message[key] for key in RecordedCall._fields[2:])
             )
             for entry in self._by_topic.get(f"/{robot}/commands", ())
             if entry.schema == schemas.COMMAND.name and entry.message["resource"] == resource

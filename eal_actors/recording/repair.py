@@ -10,18 +10,9 @@ from typing import Final
 
 from eal_actors.kernel.errors import ScenarioError, UnsupportedError
 from eal_actors.kernel.log import get_logger
-from eal_actors.recording.mcap_file import (
-    ARENA_TOPIC,
-    EVENTS_TOPIC,
-    HULLS_TOPIC,
-    RECORD_FILE,
-    McapFile,
-    is_whole,
-    pose_topic,
-    write_event,
-    write_path,
-)
-from eal_actors.recording.poses import POSE_RESOURCES, path_resource
+from eal_actors.recording import mcap_file
+from eal_actors.recording.mcap_file import RECORD_FILE, McapFile, is_whole, pose_topic
+from eal_actors.recording.poses import POSE_RESOURCES, ROUNDING_S, path_resource
 from eal_actors.recording.recorded_run import INFOS
 from eal_actors.recording.run_folder import TRAJECTORY, RunFolder
 from eal_actors.scenario.report.journal import EVENTS, SUMMARY, cut_half_line, hold_record, is_under_way
@@ -29,8 +20,6 @@ from eal_actors.scenario.report.journal import EVENTS, SUMMARY, cut_half_line, h
 PART_FILE: Final = "run-2.mcap"
 """The file of a resumed run until its end, when it is merged into RECORD_FILE."""
 _MS: Final = 1000
-_ROUNDING_S: Final = 0.0005
-"""Times in `trajectory.csv` are rounded to a thousandth of a second."""
 
 
 def repair_record(directory: Path) -> float:
@@ -94,7 +83,7 @@ def merge_record(run: RunFolder) -> float:
     try:
         for part in parts:
             if part.exists():
-                known = frozenset(file.counts) & {ARENA_TOPIC, HULLS_TOPIC}
+                known = frozenset(file.counts) & {mcap_file.ARENA_TOPIC, mcap_file.HULLS_TOPIC}
                 file.copy(part, partial(_is_new, known))
         _restore_lost(file, run)
     finally:
@@ -110,11 +99,11 @@ def _is_new(known: Collection[str], topic: str, _time_s: float) -> bool:
 
 
 def _restore_lost(file: McapFile, run: RunFolder) -> None:
-    for event in run.events[file.counts.get(EVENTS_TOPIC, 0) :]:
-        write_event(file, event)
+    for event in run.events[file.counts.get(mcap_file.EVENTS_TOPIC, 0) :]:
+        mcap_file.write_event(file, event)
     for robot, path in run.paths.items():
         resource = path_resource(file.attached.get(INFOS, {}).get(robot, ())) or POSE_RESOURCES[-1]
-        last_s = file.newest_s.get(pose_topic(robot, resource), -1.0) + _ROUNDING_S
+        last_s = file.newest_s.get(pose_topic(robot, resource), -1.0) + ROUNDING_S
         for sample in path:
             if sample.time_s > last_s:
-                write_path(file, robot, resource, sample)
+                mcap_file.write_path(file, robot, resource, sample)

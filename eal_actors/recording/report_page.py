@@ -36,12 +36,7 @@ _MOST_IMAGE_BYTES: Final = 4_000_000
 
 @dataclass(frozen=True, slots=True)
 class Latency:
-    """Durations of the successful calls with one label, in seconds of the fleet's clock.
-
-    Attributes:
-        count: number of calls, the failed ones included.
-        failures: number of calls that were not done.
-    """
+    """Durations of the successful calls with one label, in seconds of the fleet's clock; `count` is of all calls."""
 
     label: str
     count: int
@@ -65,12 +60,9 @@ class RobotRow:
 
 @dataclass(frozen=True, slots=True)
 class SavedImage:
-    """An image that the run saved.
+    """An image that the run saved: its path in the run's folder, and a data URL, or None if it is too large to show.
 
-    Attributes:
-        name: its path in the run's folder.
-        url: the image as a data URL; None if it is too large to show.
-        is_wide: it is a panorama, which needs the whole width of the page.
+    It `is_wide` if it is a panorama, which needs the whole width of the page.
     """
 
     name: str

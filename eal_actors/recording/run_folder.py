@@ -24,10 +24,7 @@ TRAJECTORY: Final = "trajectory.csv"
 
 
 def new_run_folder(runs_dir: Path, scenario: str) -> Path:
-    """Make a folder named after the scenario and the time; an existing folder is never reused.
-
-    Raises ConfigError if it cannot be made.
-    """
+    """Make a new folder named after the scenario and the time; raise ConfigError if it cannot be made."""
     name = f"{scenario}-{wall_time():%Y%m%dT%H%M%SZ}"
     number = 1
     while True:

@@ -19,24 +19,12 @@ from eal_actors.kernel.clock import wall_time
 from eal_actors.kernel.errors import EALError, UnsupportedError
 from eal_actors.kernel.lock_step import MAX
 from eal_actors.kernel.log import get_logger
-from eal_actors.recording import messages, schemas
-from eal_actors.recording.mcap_file import (
-    ARENA_TOPIC,
-    FINDINGS_TOPIC,
-    HULLS_TOPIC,
-    RECORD_FILE,
-    TRANSFORMS_TOPIC,
-    McapFile,
-    pose_topic,
-    read_findings,
-    write_event,
-    write_findings,
-    write_path,
-    write_pose,
-)
+from eal_actors.recording import mcap_file, messages, schemas
+from eal_actors.recording.mcap_file import RECORD_FILE, McapFile, pose_topic
 from eal_actors.recording.poses import (
     POSE_PERIOD_S,
     POSE_RESOURCES,
+    ROUNDING_S,
     PoseSample,
     TrajectoryTable,
     path_resource,
@@ -56,8 +44,6 @@ Extent: TypeAlias = Literal["poses", "sensors", "all"]
 SENSOR_PERIOD_S: Final = 0.2
 FRAME_PERIOD_S: Final = 0.2
 RUN: Final = "run"
-_ROUNDING_S: Final = 0.0005
-"""Times in tables are rounded to a thousandth of a second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,9 +146,9 @@ class RunRecorder:
         file.attach(INFOS, infos)
         file.flush()
         if config.world is not None:
-            file.write(ARENA_TOPIC, schemas.SCENE, 0.0, messages.scene_message(config.world))
+            file.write(mcap_file.ARENA_TOPIC, schemas.SCENE, 0.0, messages.scene_message(config.world))
         if radii_m := hull_radii_m(self._fleet, self._infos):
-            file.write(HULLS_TOPIC, schemas.SCENE, 0.0, messages.hull_message(radii_m))
+            file.write(mcap_file.HULLS_TOPIC, schemas.SCENE, 0.0, messages.hull_message(radii_m))
 
     def _copy(self, past: RepeatedPast) -> None:
         """Copy the samples of a repeated past; the file begins with them, and so has the start of the other run."""
@@ -175,20 +161,21 @@ class RunRecorder:
             for sample in path:
                 if name is not None and self._table is not None and is_past(sample.time_s):
                     self._table.add(robot, sample)
-                    self._newest_s[pose_topic(robot, name)] = sample.time_s + _ROUNDING_S
-        topics = {TRANSFORMS_TOPIC, FINDINGS_TOPIC, *(topic_of(spec.resource) for spec in self._specs)}
+                    self._newest_s[pose_topic(robot, name)] = sample.time_s + ROUNDING_S
+        topics = {topic_of(spec.resource) for spec in self._specs}
+        topics |= {mcap_file.TRANSFORMS_TOPIC, mcap_file.FINDINGS_TOPIC}
         file = past.run.path / RECORD_FILE
         if self._file is not None and file.exists():
             ours = self._file
             self._guarded(lambda _: ours.copy(file, lambda topic, time_s: topic in topics and is_past(time_s)))
-            self._newest_s.update({topic: time_s + _ROUNDING_S for topic, time_s in ours.newest_s.items()})
+            self._newest_s.update({topic: time_s + ROUNDING_S for topic, time_s in ours.newest_s.items()})
 
     @staticmethod
     def _findings(past: RepeatedPast) -> Iterator[tuple[tuple[str, float], Findings]]:
         """Yield what was found in the pictures of a repeated past."""
         file = past.run.path / RECORD_FILE
-        for camera, stamp_s, found in read_findings(file) if file.exists() else ():
-            if stamp_s < past.start_s + past.same_s - _ROUNDING_S:
+        for camera, stamp_s, found in mcap_file.read_findings(file) if file.exists() else ():
+            if stamp_s < past.start_s + past.same_s - ROUNDING_S:
                 yield (camera, stamp_s), found
 
     def _add_findings(self, camera: str, stamp_s: float, found: Findings) -> None:
@@ -198,7 +185,7 @@ class RunRecorder:
                 return
             time_s = stamp_s - self._start_s
             if self._past is None or round(time_s, 3) >= self._past.until_s:  # the others were copied
-                self._guarded(lambda file: write_findings(file, time_s, camera, stamp_s, found))
+                self._guarded(lambda file: mcap_file.write_findings(file, time_s, camera, stamp_s, found))
 
     # Samples. Thread: the sampler's.
 
@@ -225,9 +212,9 @@ class RunRecorder:
         self._newest_s[topic] = time_s
         sample = sample._replace(time_s=time_s)
         if name != path_resource(self._infos[robot]):
-            self._guarded(lambda file: write_pose(file, robot, name, sample))
+            self._guarded(lambda file: mcap_file.write_pose(file, robot, name, sample))
             return
-        self._guarded(lambda file: write_path(file, robot, name, sample))
+        self._guarded(lambda file: mcap_file.write_path(file, robot, name, sample))
         try:
             if self._table is not None:
                 self._table.add(robot, sample)
@@ -258,7 +245,7 @@ class RunRecorder:
                     write(self._first_s)
                 self._early.clear()
             fields = event.to_dict()
-            self._guarded(lambda file: write_event(file, fields))
+            self._guarded(lambda file: mcap_file.write_event(file, fields))
             if isinstance(event, StepEnded) and isinstance(event.answer, EALData):
                 self._write_answer(event.record, event.answer)
 

@@ -32,14 +32,11 @@ SampleSink: TypeAlias = Callable[[ResourceHandle, EALData], bool]
 
 
 class Sampler:
-    """Samples resources inside its `with` block, and once more at the end.
+    """Samples resources inside its `with` block, and once more at the end; nothing before `from_s` of the clock.
 
-    A resource that has not answered when it is due again is skipped until it has: sampling never delays a run.
-
-    Args:
-        sink: receives each value, with a time that is not in the future. If it raises, the resource is no longer
-            sampled. Thread: the sampler's own.
-        from_s: nothing is sampled before this time of the clock; the times of the samples are the same.
+    A resource that has not answered when it is due again is skipped until it has: sampling never delays a run. `sink`
+    receives each value, with a time that is not in the future; if it raises, the resource is no longer sampled. Its
+    thread is the sampler's own.
     """
 
     def __init__(self, clock: Clock, specs: Iterable[SampleSpec], sink: SampleSink, from_s: float = -math.inf) -> None:

@@ -74,7 +74,6 @@ class RunTimeline:
         losses: when each robot was out of reach, from and to; a robot that did not come back, until the end.
         log: log lines, retries, drops and errors.
         breaks_s: the times at which the run was resumed.
-        duration_s: the time of the last event.
     """
 
     bars: dict[str, list[Bar]] = field(default_factory=dict)

@@ -34,10 +34,7 @@ def topic_of(resource: ResourceHandle) -> str:
 def message_of(
     resource: ResourceHandle, data: EALData, time_s: float, angles_rad: Sequence[float] | None
 ) -> tuple[MessageSchema, Message]:
-    """Return the message of a value: an image, a scan with the directions of its rays, or any value as JSON.
-
-    Raises EALError if an image cannot be encoded.
-    """
+    """Return the message of a value: an image, a scan, or JSON; raise EALError if an image cannot be encoded."""
     frame_id = data.frame_id or messages.base_frame(resource.robot)
     if data.dtype == "|u1" and data.shape is not None and data.shape[2:] == (3,):
         return schemas.IMAGE, messages.image_message(time_s, frame_id, encode_image(data, "jpeg"), "jpeg")

@@ -274,10 +274,7 @@ def _name_condition(condition: Callable[[], object]) -> str:
 
 
 def read_scenario(source: str | Path) -> Scenario:
-    """Read a scenario from its text of more than one line, which may be indented, or from its file.
-
-    Raises ConfigError with every problem of the scenario.
-    """
+    """Read a scenario from its text of several lines, or from its file; raise ConfigError with all of its problems."""
     if isinstance(source, Path) or "\n" not in source:
         return load_scenario(source)
     return parse_scenario(textwrap.dedent(source), "scenario")

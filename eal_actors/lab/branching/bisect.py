@@ -29,10 +29,7 @@ OnVersion = Callable[[str, bool], None]
 
 @dataclass(frozen=True, slots=True)
 class Bisection:
-    """The result.
-
-    `version` is the first that differs, a commit with its title or a file; `first` is None if none differs.
-    """
+    """The result: the first version that differs, a commit with its title or a file; `first` is None without one."""
 
     version: str
     first: Difference | None

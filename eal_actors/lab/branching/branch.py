@@ -59,10 +59,7 @@ class BranchRequest:
 
 @dataclass(frozen=True, slots=True)
 class Branch:
-    """A branch that has ended.
-
-    `first` is the first difference between the run and the branch; None if they are the same to the end.
-    """
+    """A branch that has ended; `first` is the first difference from the run, None if they are the same to the end."""
 
     directory: Path
     report: Report

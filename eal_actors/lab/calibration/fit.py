@@ -36,7 +36,6 @@ class Fit:
     """The result of a fit.
 
     Attributes:
-        calibration: E_b and E_d.
         left_over_m: largest distance of a centre of gravity from its fitted position: the error that remains with this
             calibration.
         is_doubtful: chance does not explain `left_over_m`: there is a cause other than the wheels.

@@ -31,11 +31,9 @@ _LEAST_SHARE: Final = 0.006  # smallest share of the picture of a reported chang
 
 @dataclass(frozen=True, slots=True)
 class Changes:
-    """Changes of a picture.
+    """Changes: their share of the picture, 0 to 1; and the box round each changed object, largest first.
 
-    Attributes:
-        share: changed share of the picture, 0 to 1.
-        boxes: bounding box of each changed object, largest first: x, y, width, height in pixels of the picture.
+    A box is x, y, width and height in pixels of the picture.
     """
 
     share: float
@@ -43,14 +41,9 @@ class Changes:
 
 
 def find_changes(before: Image, after: Image) -> Changes:
-    """Return the objects that appeared or disappeared between two pictures.
+    """Return the objects that appeared or disappeared between two pictures, whose overall brightness may differ.
 
-    Args:
-        before: RGB, (h, w, 3), at least 64 pixels wide and high.
-        after: the same place later, of the same shape. Its overall brightness may differ.
-
-    Raises:
-        ArgumentError: the pictures differ in shape, or are too small.
+    They are RGB, (h, w, 3), at least 64 pixels wide and high, and of one shape; others raise ArgumentError.
     """
     if before.shape != after.shape:
         raise ArgumentError(f"pictures of one place must have one shape, not {before.shape} and {after.shape}")

@@ -41,9 +41,8 @@ _GOALS: Final = frozenset({"goto", "follow"})
 class ScriptStep:
     """A step of a robot in a rehearsal; times are seconds since the rehearsal's start.
 
-    Attributes:
-        begin_s: when it had waited for other robots.
-        has_goal: it drives to a place in the map frame, which corrects deviations; other motions keep them.
+    It begins when it has waited for other robots. With a goal it drives to a place in the map frame, which corrects
+    deviations; other motions keep them.
     """
 
     path: str
@@ -54,12 +53,10 @@ class ScriptStep:
 
 
 class Script:
-    """The steps and the path of a robot in a rehearsal.
+    """The steps of a robot in a rehearsal, in the order of their starts, and its path.
 
-    Args:
-        steps: in the order of their starts.
-        times_s: seconds since the rehearsal's start, increasing, at least one.
-        poses: x in m, y in m and yaw in rad in the map frame at these times; shape (n, 3).
+    `times_s` are seconds since the rehearsal's start, increasing, at least one; `poses` are x in m, y in m and yaw in
+    rad in the map frame at these times, (n, 3).
     """
 
     def __init__(self, steps: Sequence[ScriptStep], times_s: Floats, poses: Floats) -> None:

@@ -72,12 +72,8 @@ class _Tracked:
 class Lookahead:
     """Looks ahead inside its `with` block, once a second of the fleet's clock.
 
-    Args:
-        on_look: called with the time of each look, by the fleet's clock, and all its findings. Thread: the
-            look-ahead's own.
-        may_hold: asked with the time and the finding before robots are halted; false lets them go on. Thread: the
-            look-ahead's own.
-
+    `on_look` is called with the time of each look, by the fleet's clock, and all its findings; `may_hold` is asked with
+    the time and the finding before robots are halted, and false lets them go on. Thread of both: the look-ahead's own.
     `hear` is a listener of the run. `attach` names the run whose record gets the findings.
     """
 

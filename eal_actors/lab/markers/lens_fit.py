@@ -21,12 +21,7 @@ _GRID: Final = 8  # cells along each side, for the coverage
 
 @dataclass(frozen=True, slots=True)
 class BoardView:
-    """A board in a picture.
-
-    Attributes:
-        points: corners on the board, (n, 3), in metres.
-        pixels: the same corners in the picture, (n, 2).
-    """
+    """The corners of a board, in metres on it, (n, 3), and in a picture, (n, 2)."""
 
     points: NDArray[np.float32]
     pixels: NDArray[np.float32]

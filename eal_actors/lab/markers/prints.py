@@ -23,12 +23,7 @@ _BOARD_FAMILY: Final[FamilyName] = "4x4_50"
 
 @dataclass(frozen=True, slots=True)
 class BoardSize:
-    """A chessboard with markers in its white squares.
-
-    Attributes:
-        columns: squares along its long side.
-        rows: squares along its short side.
-    """
+    """A chessboard with markers in its white squares; the columns are along its long side."""
 
     columns: int = 7
     rows: int = 5

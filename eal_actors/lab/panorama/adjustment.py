@@ -69,10 +69,7 @@ class _Points:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Problem:
-    """The points and the priors.
-
-    The parameters are log zoom, k1, the camera's place, the walls' nearness, yaws, depressions and rolls.
-    """
+    """The points and priors. Parameters: log zoom, k1, camera's place, walls' nearness, yaws, depressions, rolls."""
 
     given: CameraLens
     camera: TurnedCamera
@@ -106,10 +103,8 @@ class _Problem:
     def misses(self, parameters: Floats, turned: tuple[int, int] | None = None, nearer: float = 0.0) -> Floats:
         """Return the distance of each point's two rays, to the side and in height, in standard errors, (2, n).
 
-        Args:
-            parameters: of the lens and the attitudes.
-            turned: the end (0 or 1) and the axis (0 to 2) of the attitudes to change by a small step.
-            nearer: a change of the nearness of all walls.
+        `turned` is the end (0 or 1) and the axis (0 to 2) of the attitudes to change by a small step; `nearer` is a
+        change of the nearness of all walls.
         """
         lens, points, attitudes = self.lens_of(parameters), self.points, self.attitudes(parameters)
         first, second = attitudes[:, points.first], attitudes[:, points.second]
@@ -181,14 +176,8 @@ def adjust_bundle(
 ) -> tuple[TurnedCamera, dict[int, Attitude]]:
     """Return the camera, and its attitude at each frame.
 
-    Args:
-        given: the lens as far as it is known.
-        camera: the camera by which the frames were projected for comparison.
-        yaws_rad: yaw of each frame by odometry, by its number.
-        projected_rad: yaw by which each frame was projected, by its number.
-        ring: their order.
-        links: their measured shifts.
-        may_be_beside: whether to look for a camera beside the axis.
+    `given` is the lens as far as it is known; `camera` projected the frames for comparison, at the yaws
+    `projected_rad`; `yaws_rad` are those by odometry. A camera beside the axis is looked for if it `may_be_beside`.
 
     Thread: any; it may take a second.
     """

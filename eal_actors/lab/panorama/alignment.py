@@ -55,12 +55,8 @@ def align_pixels(
 ) -> tuple[TurnedCamera, dict[int, Attitude]]:
     """Return the camera with its position, and its attitudes, that make frames alike where they overlap.
 
-    Args:
-        frames: of equal brightness, by number.
-        camera: its lens, its position so far, and the distances of what stands round it; if these are not known, only
-            the floor is compared.
-        places: its attitudes so far.
-        ring: the order of the frames, which is closed.
+    The frames, by number, are of equal brightness, and their ring is closed. If the camera has no distances of what
+    stands round it, only the floor is compared.
 
     Thread: any; it may take a second.
     """

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from eal_actors.lab.panorama.cylinder import Attitude, CameraLens, Floats, Image, Mask, resampled, wrapped_rad
+from eal_actors.lab.panorama.cylinder import Attitude, Floats, Image, Mask, resampled, wrapped_rad
 from eal_actors.lab.panorama.parallax import TurnedCamera
 
 _MOST_BANDS: Final = 5
@@ -40,11 +40,6 @@ class PlacedFrame:
         right_rad = np.clip(wrapped_rad(self.attitude.yaw_rad - yaws_rad), -math.pi / 2, math.pi / 2)
         return self.camera.pixels(right_rad, down[:, np.newaxis], self.attitude)
 
-    @property
-    def lens(self) -> CameraLens:
-        """The lens of the camera."""
-        return self.camera.lens
-
     def project(self, yaws_rad: Floats, down: Floats) -> tuple[NDArray[np.int16], Mask]:
         """Return what the frame shows at yaws (w,) and tangents of depression (h,), and the mask of the frame."""
         x, y, reaches = self.pixels(yaws_rad, down)
@@ -54,13 +49,9 @@ class PlacedFrame:
 
 @dataclass(frozen=True, slots=True)
 class PanoramaCanvas:
-    """The part of the cylinder that becomes the image.
+    """The part of the cylinder that becomes the image; rows count from the horizon down.
 
-    Attributes:
-        left_rad: yaw of its left edge.
-        top_px: row of its upper edge, from the horizon down.
-        bottom_px: row of its lower edge.
-        is_closed: whether its right edge joins its left edge.
+    `left_rad` is the yaw of its left edge, which its right edge joins if it `is_closed`.
     """
 
     left_rad: float
@@ -89,7 +80,7 @@ def owners_of(views: Mapping[int, PlacedFrame], columns_rad: Floats) -> Owners:
     numbers = np.array(sorted(views))
     off_rad = np.array([np.abs(wrapped_rad(views[number].attitude.yaw_rad - columns_rad)) for number in numbers])
     nearest = off_rad.argmin(axis=0)
-    reached = off_rad.min(axis=0) <= views[int(numbers[0])].lens.half_view_rad
+    reached = off_rad.min(axis=0) <= views[int(numbers[0])].camera.lens.half_view_rad
     return np.where(reached, numbers[nearest], -1)
 
 
@@ -101,10 +92,11 @@ def common_rows(
     for number, view in views.items():
         own_rad = columns_rad[owners == number]
         if own_rad.size:
-            most_px = int(view.lens.height * px_per_rad / view.lens.focal_px)
+            lens = view.camera.lens
+            most_px = int(lens.height * px_per_rad / lens.focal_px)
             rows = np.arange(-most_px, most_px)
             x, _, reaches = view.pixels(own_rad, (rows + 0.5) / px_per_rad)
-            middle = np.abs(x - (view.lens.width - 1) / 2) <= view.lens.width / 2  # the sides of the frame do not count
+            middle = np.abs(x - (lens.width - 1) / 2) <= lens.width / 2  # the sides of the frame do not count
             seen = rows[(reaches | ~middle).all(axis=1) & reaches.any(axis=1)]
             top, bottom = (max(top, seen[0]), min(bottom, seen[-1] + 1)) if seen.size else (math.inf, -math.inf)
     return (int(top), int(bottom)) if top < bottom else (0, 0)
@@ -116,13 +108,8 @@ def find_seams(
     """Return the number of the frame that provides each pixel, (height, width).
 
     Between two neighbours the seam takes the way on which they differ least, so that something that moved or stands
-    near is shown by one of them and not by half of each.
-
-    Args:
-        views: the placed frames, by number.
-        order: their numbers from left to right.
-        owners: the number of the frame nearest to each column, -1 for none, (width,).
-        canvas: the part of the cylinder to fill.
+    near is shown by one of them and not by half of each. `order` are the numbers of the views from left to right,
+    `owners` that of the one nearest to each column, -1 for none, (width,).
     """
     found = np.tile(owners, (canvas.bottom_px - canvas.top_px, 1))
     pairs = list(zip(order, [*order[1:], order[0]], strict=True))
@@ -132,7 +119,7 @@ def find_seams(
             end += 2 * math.pi * canvas.px_per_rad
         columns = np.arange(math.ceil(first), math.floor(end) + 1)
         if (
-            not 0 < len(columns) < 2 * views[left].lens.half_view_rad * canvas.px_per_rad
+            not 0 < len(columns) < 2 * views[left].camera.lens.half_view_rad * canvas.px_per_rad
         ):  # one direction, or no overlap
             continue
         yaws_rad = canvas.yaws_rad(columns)
@@ -190,7 +177,7 @@ def blend(views: Mapping[int, PlacedFrame], owners: Owners, canvas: PanoramaCanv
 
 def _reached_columns(view: PlacedFrame, canvas: PanoramaCanvas, pad: int) -> list[NDArray[np.int64]]:
     """Return the columns of the padded canvas that a frame reaches, for each lap round the ring."""
-    middle, half = canvas.column(view.attitude.yaw_rad), view.lens.half_view_rad * canvas.px_per_rad
+    middle, half = canvas.column(view.attitude.yaw_rad), view.camera.lens.half_view_rad * canvas.px_per_rad
     ring = 2 * math.pi * canvas.px_per_rad
     found = []
     for lap in (-1, 0, 1):
@@ -205,7 +192,7 @@ def _bands(views: Mapping[int, PlacedFrame], canvas: PanoramaCanvas) -> int:
     """Return the number of bands; the coarsest band must not reach beyond the overlaps of the frames."""
     ordered = np.sort([canvas.column(view.attitude.yaw_rad) for view in views.values()])
     turns = np.diff(ordered, append=ordered[0] + 2 * math.pi * canvas.px_per_rad)
-    reach = min(2 * view.lens.half_view_rad for view in views.values()) * canvas.px_per_rad
+    reach = min(2 * view.camera.lens.half_view_rad for view in views.values()) * canvas.px_per_rad
     overlaps = [reach - turn for turn in turns if turn < reach]
     narrowest = min([*overlaps, canvas.bottom_px - canvas.top_px])
     return int(np.clip(math.log2(max(narrowest, 2)) - 1, 1, _MOST_BANDS))

@@ -53,13 +53,7 @@ class Shift:
 
 
 class Attitude(NamedTuple):
-    """Direction of a camera.
-
-    Attributes:
-        yaw_rad: yaw of its axis, counter-clockwise.
-        down_rad: depression of its axis below the horizon.
-        roll_rad: rotation about its axis, clockwise.
-    """
+    """Direction of a camera: the yaw of its axis, counter-clockwise; its depression; and its rotation, clockwise."""
 
     yaw_rad: float
     down_rad: float = 0.0
@@ -105,10 +99,8 @@ class CameraLens:
     def rays(self, pixels: Floats, down_rad: Any = 0.0, roll_rad: Any = 0.0) -> tuple[Floats, Floats]:
         """Return the angle of pixels to the right of the camera's yaw, and the tangent of their depression, (n,) each.
 
-        Args:
-            pixels: offsets from the centre of the frame to the right and down, (n, 2).
-            down_rad: depression of the camera, one or (n,).
-            roll_rad: its roll, one or (n,).
+        Pixels are offsets from the centre of the frame to the right and down, (n, 2). The depression and the roll of
+        the camera are one or (n,) each.
         """
         far_x, far_y = pixels[:, 0] / self.focal_px, pixels[:, 1] / self.focal_px
         x, y = far_x, far_y
@@ -122,15 +114,10 @@ class CameraLens:
         return np.arctan2(x, forward), down / np.hypot(forward, x)
 
     def pixels(self, right_rad: Floats, down: Floats, attitude: Attitude = LEVEL) -> tuple[Floats, Floats, Mask]:
-        """Return the pixels in which the camera sees directions, the inverse of `rays`.
+        """Return columns and rows that show directions, and whether they are in the frame: the inverse of `rays`.
 
-        Args:
-            right_rad: angles to the right of the camera's yaw, less than a quarter turn.
-            down: tangents of the depression, of a shape that goes with that of the angles.
-            attitude: of the camera; its yaw does not count.
-
-        Returns:
-            Columns and rows of the frame, and whether they are in it.
+        `right_rad` are angles to the right of the camera's yaw, less than a quarter turn; `down` are tangents of the
+        depression, of a shape that goes with that of the angles. The yaw of the attitude does not count.
         """
         ahead, x, below = np.cos(right_rad), np.sin(right_rad), down
         cos, sin = math.cos(attitude.down_rad), math.sin(attitude.down_rad)

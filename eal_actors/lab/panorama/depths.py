@@ -61,11 +61,8 @@ def depth_map(
 ) -> DepthMap:
     """Return the distances of what stands round the camera.
 
-    Args:
-        frames: of equal brightness, by number.
-        camera: its lens and its position, and what is known of the distances: they say which colours a cell has.
-        places: its attitudes.
-        ring: the order of the frames, which is closed.
+    The frames, by number, are of equal brightness, and their ring is closed. What the camera knows of the distances
+    says which colours a cell has.
 
     Thread: any; it may take some seconds.
     """

@@ -30,11 +30,9 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True, slots=True)
 class Features:
-    """Features of a frame.
+    """Features of a frame: their places, and their looks, which are descriptors of unit length, (n, 128).
 
-    Attributes:
-        places: offsets from the axis to the right and down, in pixels of the cylinder, (n, 2).
-        looks: descriptors of unit length, (n, 128).
+    The places are offsets from the axis to the right and down, in pixels of the cylinder, (n, 2).
     """
 
     places: Array
@@ -60,12 +58,7 @@ def shift_by_features(
 ) -> Shift | None:
     """Return the offset of two frames, or None if too few pairs agree or the result is ambiguous.
 
-    Args:
-        first: features of the first frame.
-        second: features of the second frame.
-        expected_px: offset of the second frame to the right of the first by odometry.
-        px_per_rad: pixels of the cylinder per radian.
-        window_rad: largest error of odometry.
+    By odometry, wrong by at most `window_rad`, the second frame is `expected_px` to the right of the first.
     """
     window_px = window_rad * px_per_rad
     first = _within_reach(first, second, expected_px, window_px)

@@ -27,11 +27,9 @@ _FILE_COLUMNS: Final = ("file", "frame", "name")
 
 @dataclass(frozen=True, slots=True)
 class CameraFrames:
-    """The frames of a folder.
+    """The frames of a folder, in natural order of their names: frame.2.png before frame.10.png.
 
-    Attributes:
-        names: the files' names, in natural order: frame.2.png before frame.10.png.
-        yaws_rad: yaw of the camera at each frame by odometry, counter-clockwise.
+    The yaws are those of the camera by odometry, counter-clockwise.
     """
 
     names: tuple[str, ...]
@@ -84,10 +82,7 @@ def folders_of_robots(run: Path) -> list[Path]:
 
 
 def save_panorama(panorama: Panorama, file: Path) -> None:
-    """Write a panorama as PNG or JPEG, by the file's suffix; replace an existing file.
-
-    Raises ConfigError if the file cannot be written.
-    """
+    """Write a panorama as PNG or JPEG, by the file's suffix; raise ConfigError if it cannot be written."""
     done, content = cv2.imencode(file.suffix, cv2.cvtColor(panorama.image, cv2.COLOR_RGB2BGR))
     with writing(file):
         if not done:

@@ -20,12 +20,8 @@ def link_across_gap(
 ) -> dict[tuple[int, int], Shift]:
     """Return the link that connects the two parts of a ring; none if there are not two parts, or no shift stands out.
 
-    A single frame between two gaps is none: nothing says that it belongs there.
-
-    Args:
-        ring: the frames from left to right.
-        links: the clear shifts.
-        doubtful: the shift that stands out most between two neighbours, if one does.
+    A single frame between two gaps is none: nothing says that it belongs there. `doubtful` returns the shift that
+    stands out most between two neighbours, if one does; `links` are the clear shifts.
     """
     neighbours = [(one, other) for one, other, _ in ring.neighbours()]
     gaps = [pair for pair in neighbours if pair not in links]

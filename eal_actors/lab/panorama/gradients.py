@@ -37,11 +37,9 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True, slots=True)
 class Gradients:
-    """Brightness gradients of a projected frame.
+    """Brightness gradients of a projected frame to the right and down, in grey levels per pixel, (h, w).
 
-    Attributes:
-        right: gradient to the right, in grey levels per pixel, (h, w); 0 outside of the frame.
-        reaches: 1 where both are known, else 0.
+    They are 0 outside of the frame; `reaches` is 1 where both are known, else 0.
     """
 
     right: Array
@@ -62,11 +60,9 @@ def gradients_of(patch: Patch) -> Gradients:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Comparison of two frames by their gradients.
+    """The offset of two frames by their gradients, or None if it is ambiguous.
 
-    Attributes:
-        shift: their offset; None if it is ambiguous.
-        contradicts: whether both have structure where they must overlap, but no shift makes them similar.
+    It `contradicts` if both have structure where they must overlap, but no shift makes them similar.
     """
 
     shift: Shift | None
@@ -74,13 +70,9 @@ class Comparison:
 
 
 def compare_gradients(first: Gradients, second: Gradients, expected_px: float, px_per_rad: float) -> Comparison:
-    """Correlate two frames at every shift that odometry allows.
+    """Correlate two frames of one height at every shift that odometry allows.
 
-    Args:
-        first: gradients of the first frame.
-        second: gradients of the second frame, projected to the same height.
-        expected_px: offset of the second frame to the right of the first by odometry.
-        px_per_rad: pixels of the cylinder per radian.
+    By odometry the second frame is `expected_px` to the right of the first.
     """
     scores, rights_px, downs_px = _correlations(first, second, expected_px, px_per_rad)
     if not np.isfinite(scores).any():
@@ -112,10 +104,7 @@ class DoubtfulShift:
 
 
 def doubtful_shift(first: Gradients, second: Gradients, expected_px: float, px_per_rad: float) -> DoubtfulShift | None:
-    """Return the shift that stands out most near the one by odometry; None if no other is clearly less.
-
-    Args: as of `compare_gradients`.
-    """
+    """Return the shift that stands out most near `expected_px`, that by odometry; None if no other is clearly less."""
     scores, rights_px, _ = _correlations(first, second, expected_px, px_per_rad)
     profile = scores.max(axis=0, initial=-np.inf)
     if not np.isfinite(profile).all() or len(profile) < 3:

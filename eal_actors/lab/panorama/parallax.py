@@ -48,12 +48,7 @@ class DepthMap:
     row: float
 
     def at(self, yaws_rad: Floats, down: Floats) -> Floats:
-        """Return the nearness in directions, interpolated between the cells.
-
-        Args:
-            yaws_rad: the directions, (n,).
-            down: tangents of their depression, (n,) or (m, 1).
-        """
+        """Return the nearness at yaws (n,) and tangents of depression, (n,) or (m, 1), interpolated between cells."""
         ring = np.pad(self.nearness, ((0, 0), (1, 1)), mode="wrap")
         columns = np.mod(yaws_rad, 2 * math.pi) * self.nearness.shape[1] / (2 * math.pi) + 0.5
         x, y = np.broadcast_arrays(np.float32(columns), np.float32((down - self.top) / self.row - 0.5))
@@ -90,10 +85,8 @@ class Parallax:
     def seen_from_axis(self, right_rad: Floats, down: Floats, nearness: Floats) -> tuple[Floats, Floats]:
         """Return the directions from the axis in which things are that the camera sees in some directions.
 
-        Args:
-            right_rad: angles to the right of the camera's yaw.
-            down: tangents of the depression.
-            nearness: of the wall in each of these directions.
+        These are angles to the right of the camera's yaw and tangents of the depression, each with the nearness of the
+        wall there.
         """
         forward, aside = np.cos(right_rad), -np.sin(right_rad)
         along = nearness * (self.ahead * forward + self.left * aside)
@@ -105,10 +98,8 @@ class Parallax:
     def seen_from_camera(self, right_rad: Floats, down: Floats, yaws_rad: Floats) -> tuple[Floats, Floats]:
         """Return the directions from the camera of things in directions from the axis: the inverse of `seen_from_axis`.
 
-        Args:
-            right_rad: angles to the right of the camera's yaw, (n,).
-            down: tangents of the depression, (n,) or (m, 1).
-            yaws_rad: the same directions as `right_rad`, as yaws.
+        They are angles to the right of the camera's yaw (n,), the same as yaws, and tangents of the depression, (n,)
+        or (m, 1).
         """
         if not self.is_some:
             return right_rad, down
@@ -127,10 +118,8 @@ class TurnedCamera(NamedTuple):
     def pixels(self, right_rad: Floats, down: Floats, attitude: Attitude) -> tuple[Floats, Floats, Mask]:
         """Return the pixels of directions from the axis, as `CameraLens.pixels` does.
 
-        Args:
-            right_rad: angles to the right of the camera's yaw, (n,), less than a quarter turn.
-            down: tangents of the depression, (n,) or (m, 1).
-            attitude: of the camera.
+        They are angles to the right of the camera's yaw (n,), less than a quarter turn, and tangents of the depression,
+        (n,) or (m, 1).
         """
         seen = self.parallax.seen_from_camera(right_rad, down, attitude.yaw_rad - right_rad)
         return self.lens.pixels(*seen, attitude)

@@ -15,12 +15,7 @@ from eal_actors.lab.panorama.parallax import TurnedCamera
 
 @dataclass(frozen=True, slots=True)
 class Patch:
-    """A projected frame for comparisons, with its axis in the centre.
-
-    Attributes:
-        grey: brightness, (h, w) of unsigned bytes.
-        reaches: mask of the frame, (h, w).
-    """
+    """A projected frame for comparisons, (h, w), with its axis in the centre; `reaches` is the mask of the frame."""
 
     grey: NDArray[np.uint8]
     reaches: Mask

@@ -7,7 +7,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Final, NamedTuple
 
 import cv2
@@ -57,7 +57,6 @@ class FramePlacement:
 
     Attributes:
         camera: its lens and its position, as the frames determine them.
-        places: attitude of the camera at each placed frame.
         how: source of each placed frame's direction.
         closing_error_rad: sum of the turns minus a full turn; None if unknown.
         patches: the placed frames, projected for comparison.
@@ -153,20 +152,14 @@ class _ComparedFrame:
         self.yaw_rad: Final = yaw_rad
         self.patch: Final = patch_of(small, self.camera, yaw_rad)
         self.is_blank: Final = float(self.patch.grey[self.patch.reaches].std()) <= _BLANK
-        self._features: Features | None = None
-        self._gradients: Gradients | None = None
 
-    @property
+    @cached_property
     def features(self) -> Features:
-        if self._features is None:
-            self._features = find_features(self.patch)
-        return self._features
+        return find_features(self.patch)
 
-    @property
+    @cached_property
     def gradients(self) -> Gradients:
-        if self._gradients is None:
-            self._gradients = gradients_of(self.patch)
-        return self._gradients
+        return gradients_of(self.patch)
 
 
 def _frozen(frames: Mapping[int, Image], yaws_rad: Sequence[float], names: Sequence[str]) -> dict[int, str]:

@@ -19,11 +19,9 @@ Links = Mapping[tuple[int, int], Shift]
 
 @dataclass(frozen=True, slots=True)
 class Ring:
-    """Frames from left to right.
+    """Frames from left to right, with the turn to the right from each to the next, and from the last to the first.
 
-    Attributes:
-        turns_rad: turn to the right from each frame to the next one, and from the last to the first.
-        is_closed: whether the turn from the last to the first is within the field of view too.
+    The ring `is_closed` if that last turn is within the field of view too.
     """
 
     order: tuple[int, ...]

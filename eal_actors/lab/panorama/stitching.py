@@ -110,10 +110,7 @@ def stitch(
 def check_frames(
     frames: Sequence[NDArray[Any]], yaws_rad: Sequence[float], field_of_view_rad: float, names: Sequence[str]
 ) -> tuple[dict[int, Image], dict[int, str]]:
-    """Check whether frames may be stitched; return those of equal size by number, and why others are left out.
-
-    Args and errors as for `stitch`.
-    """
+    """Check frames as `stitch` needs them; return those of equal size by number, and why others are left out."""
     _validate(frames, yaws_rad, field_of_view_rad, names)
     usable, odd = _equalise_sizes(frames, field_of_view_rad)
     _check_steps({number: yaws_rad[number] for number in usable}, field_of_view_rad)

@@ -30,7 +30,6 @@ class Position:
     """A step of a robot, as the run without faults performed it.
 
     Attributes:
-        step: path of the step in the scenario.
         number: how often the robot has performed it, this time included.
         resource: the resource that it calls; None if it may call any.
         at_s: when a fault in it happens, in seconds since the run's start.
@@ -49,8 +48,6 @@ class InjectedFault:
     """A fault at a position.
 
     Attributes:
-        kind: its name, such as `lost`.
-        position: the step in which it begins.
         at_s: when it begins, in seconds of the fleet's clock.
         until_s: when it ends; None for never.
         instance: the plugin instance that injects it.

@@ -36,10 +36,7 @@ _STEPS_PER_DEADLINE: Final = 1.1
 
 @dataclass(frozen=True, slots=True, order=True)
 class Violation:
-    """An invariant that a trial has violated.
-
-    Without a robot it is of the run, without a step of none in particular.
-    """
+    """An invariant that a trial violated. Without a robot it is of the run, without a step of none in particular."""
 
     invariant: str
     robot: str

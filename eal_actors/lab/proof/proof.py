@@ -81,7 +81,7 @@ class ProvenCase:
     Attributes:
         outcome: `done`, `failed` or `aborted`; `refused` if the run did not start or was not resumed, `crashed` if its
             process died.
-        duration_s: its time by the fleet's clock.
+        duration_s: by the fleet's clock.
         problem: the error of the run, or why it was refused.
     """
 
@@ -133,11 +133,10 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Proof:
-    """The result of a proof.
+    """The result of a proof: its cases are in the order of the plan.
 
     Attributes:
         positions: the steps of the run without faults.
-        cases: the cases, in the order of the plan.
         unprovable: robots whose faults nobody can inject, and why.
         healthy: the report of the run without faults.
     """

@@ -19,12 +19,9 @@ MOST_TRIALS: Final = 60
 
 @dataclass(frozen=True, slots=True)
 class ShrinkTask:
-    """A finding for a worker to shrink.
+    """A finding for a worker to shrink: `content` is the fleet without the faults, `within_s` as in `Trials`.
 
-    Attributes:
-        content: the fleet without the faults.
-        within_s: as in `Trials`.
-        folder: for the least fleet file, and the record of its run.
+    The folder is for the least fleet file, and the record of its run.
     """
 
     content: Content
@@ -76,18 +73,10 @@ class ProofWorker:
         """Perform a trial, or shrink a finding and keep its record."""
         if isinstance(task, TrialTask):
             return self.trials(task)
-        least = shrink(task, self.trials)
+        least = _Shrinker(task, self.trials).shrink()
         if least is not None:
             keep_finding(least.faulty_content, least.comments(self.trials.scenario), self.trials, task.folder)
         return least
-
-
-def shrink(task: ShrinkTask, worker: TrialWorker) -> LeastCase | None:
-    """Return the least fleet and faults that violate the invariant while the same fleet without faults holds all.
-
-    Robots, faults and settings are left out one by one, as long as the finding stays. None if it does not repeat.
-    """
-    return _Shrinker(task, worker).shrink()
 
 
 @dataclass
@@ -97,6 +86,10 @@ class _Shrinker:
     _trials: int = 0
 
     def shrink(self) -> LeastCase | None:
+        """Return the least fleet and faults that violate the invariant while the same fleet without faults holds all.
+
+        Robots, faults and settings are left out one by one, as long as the finding stays. None if it does not repeat.
+        """
         content, case = self._task.content, self._task.case
         violation = self._violation(content, case)
         if violation is None:

@@ -10,6 +10,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
@@ -37,10 +38,7 @@ _RUN_OF: Final = "the proof"
 
 @dataclass(frozen=True, slots=True)
 class TrialTask:
-    """A trial for a worker.
-
-    `kill_at_s` is when the controller is killed, in seconds of the fleet's clock; None if it is not.
-    """
+    """A trial for a worker; its controller is killed at `kill_at_s`, in seconds of the fleet's clock, or never."""
 
     content: Content
     kill_at_s: float | None = None
@@ -51,7 +49,7 @@ class Trial:
     """The observations of a trial.
 
     Attributes:
-        report: the report; None if the scenario did not start, or was not resumed.
+        report: None if the scenario did not start, or was not resumed.
         problem: why it did not start, or was not resumed; empty if it was.
         start_s: the run's start by the fleet's clock.
         is_late: it was stopped at the time limit.
@@ -78,19 +76,16 @@ class TrialWorker:
     binding: Wishes | None
     source: Path
     limit_s: float
-    _loaded: Scenario | None = None
 
     def __call__(self, task: TrialTask) -> Trial:
         """Perform a trial."""
         config = load_content(task.content, self.source)
         return perform_trial(self.loaded, config, self.binding, self.limit_s, task.kill_at_s)
 
-    @property
+    @cached_property
     def loaded(self) -> Scenario:
         """The scenario."""
-        if self._loaded is None:
-            self._loaded = with_parameters(load_scenario(self.scenario), self.parameters)
-        return self._loaded
+        return with_parameters(load_scenario(self.scenario), self.parameters)
 
 
 def perform_trial(

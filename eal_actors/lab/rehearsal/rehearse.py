@@ -19,11 +19,9 @@ _ROUNDING_S: Final = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Incident:
-    """A proximity event with the steps that were running.
+    """A proximity event, and the steps of the two robots at their closest approach.
 
-    Attributes:
-        approach: the event, with times in seconds since the run's start; earlier times are 0.
-        steps: the steps of the two robots at their closest approach.
+    Its times are seconds since the run's start; earlier ones are 0.
     """
 
     approach: ProximityEvent

@@ -24,12 +24,7 @@ _LONGEST_NAME: Final = 80
 
 @dataclass(frozen=True, slots=True)
 class SweepJob:
-    """One run of a sweep.
-
-    Attributes:
-        name: name of its folder; the same values and seed have the same name in every sweep.
-        varied: values of the varied parameters, by name.
-    """
+    """One run of a sweep; the same values and seed have the same folder name in every sweep."""
 
     name: str
     varied: Mapping[str, Any]

@@ -30,10 +30,7 @@ class SweepTask:
 
 @dataclass
 class SweepWorker:
-    """Performs the runs of a sweep; loads its files at the first run.
-
-    The hashes are those at the start of the sweep; plugins to keep move nothing real.
-    """
+    """Performs runs of a sweep, whose files it loads at the first; the hashes are those at the start of the sweep."""
 
     scenario: Path
     scenario_hash: str

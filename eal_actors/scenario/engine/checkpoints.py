@@ -75,10 +75,7 @@ def make_checkpoint(run: RunContext, next_step: int, time_s: float) -> Checkpoin
 
 
 def restore(run: RunContext, resumption: Resumption) -> None:
-    """Restore the state of the last checkpoint; robots that had left stay away.
-
-    Raises ScenarioError if a required robot is missing.
-    """
+    """Restore the last checkpoint; robots that had left stay away. Raise ScenarioError if another one is missing."""
     for role, seats in resumption.slots.items():
         slots = []
         for index, seat in enumerate(seats):

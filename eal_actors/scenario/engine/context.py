@@ -93,7 +93,7 @@ class RunContext:
         scenario, sections = plan.scenario, fleet.config.robots
         remote = [one for name, one in robots.items() if name in sections and sections[name].address is not None]
         self.losses = self._watch(remote) if remote else None
-        self.main = Frame(scenario, {role: role for role in scenario.file.roles}, scenario.parameters)
+        self.main = Frame(scenario, {role: role for role in scenario.file.roles}, dict(scenario.parameters))
         self.past: PastSteps | None = None
         self.open_parts: list[ExecutionContext] = []
         self.slots: dict[str, list[RoleSlot]] = {}

@@ -21,10 +21,7 @@ from eal_actors.scenario.report.summary import ErrorReport, StepOutcome
 
 
 class StepFailure:
-    """The failed attempts of one step by one robot, and what follows from them.
-
-    `error` is why the last attempt failed.
-    """
+    """The failed attempts of one step by one robot, and what follows; `error` is why the last attempt failed."""
 
     def __init__(
         self, step: FallibleModel, path: str, action: StepAction, robot: Participant | None, error: EALError

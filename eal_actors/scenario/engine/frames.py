@@ -162,39 +162,28 @@ class StepTask:
             yield from child.robots()
 
 
+@dataclass(eq=False)
 class Frame:
     """A scenario under way: the main one, or a part of another.
 
-    Args:
+    Attributes:
         roles: its roles by the names of the main scenario.
+        variables: those of the run, parameters included.
         prefix: path of the step that runs it.
         outer: the frame that it is part of; None for the main one.
         signals: its signals that are forwarded to the outer frame, by their names there.
         slot: of the robot that runs it alone, in all of its roles; None if its roles have robots of their own.
-
-    Attributes:
-        variables: those of the run, parameters included.
         meets: by its id, each list of steps and the meetings in it, found once.
     """
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        roles: Mapping[str, str],
-        parameters: Mapping[str, object],
-        prefix: str = "",
-        outer: Frame | None = None,
-        signals: Mapping[str, str] | None = None,
-        slot: RoleSlot | None = None,
-    ) -> None:
-        self.scenario = scenario
-        self.roles = roles
-        self.prefix = prefix
-        self.outer = outer
-        self.signals = signals or {}
-        self.slot = slot
-        self.variables: dict[str, object] = dict(parameters)
-        self.meets: dict[int, tuple[Sequence[Step], frozenset[Hashable]]] = {}
+    scenario: Scenario
+    roles: Mapping[str, str]
+    variables: dict[str, object]
+    prefix: str = ""
+    outer: Frame | None = None
+    signals: Mapping[str, str] = field(default_factory=dict)
+    slot: RoleSlot | None = None
+    meets: dict[int, tuple[Sequence[Step], frozenset[Hashable]]] = field(default_factory=dict, init=False)
 
     @property
     def timeout_s(self) -> float | None:
@@ -234,10 +223,7 @@ class ExecutionContext:
 
     @property
     def required_robot(self) -> Participant:
-        """The robot that is in the slot now, for steps that need one.
-
-        Raises ScenarioError if there is no slot; the loader refuses such files.
-        """
+        """The robot in the slot; raise ScenarioError without a slot, in files that the loader refuses."""
         if self.slot is None:
             raise ScenarioError("the step needs a robot, but is outside of 'on'")
         return self.slot.robot

@@ -53,10 +53,7 @@ class EventLoop:
         return future
 
     def spawn(self, coroutine: Coroutine, on_end: Callable[[BaseException | None], None]) -> None:
-        """Run a coroutine to its first future, and on whenever its futures are done; call back with its error, or None.
-
-        Thread: the loop's own.
-        """
+        """Run a coroutine to its first future, then on; call back with its error or None. Thread: the loop's own."""
 
         def go_on(_: object = None) -> None:
             try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Generator
 from contextlib import ExitStack
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final, Literal, TypeAlias
 
@@ -26,23 +27,21 @@ Wait: TypeAlias = Callable[[ExecutionContext, Future[Any]], Coroutine]
 _ACTIONS: Final[dict[LossAction, FailureAction]] = {"fail": "abort", "drop": "drop", "substitute": "substitute"}
 
 
+@dataclass(eq=False)
 class Losses:
     """The robots of other processes that are out of reach. Everything but `_hear` runs in the loop's thread.
 
     A robot out of reach for `lost_after_s`, by the fleet's clock, fails its step.
     """
 
-    def __init__(
-        self, robots: Collection[Participant], lost_after_s: float, loop: EventLoop, emit: Emit, wait: Wait
-    ) -> None:
-        self._robots = robots
-        self._lost_after_s = lost_after_s
-        self._loop = loop
-        self._emit = emit
-        self._wait = wait
-        self._lost_at_s: dict[str, float] = {}
-        self._timers: dict[str, Timer] = {}
-        self._waiting: dict[Future[None], Participant] = {}
+    _robots: Collection[Participant]
+    _lost_after_s: float
+    _loop: EventLoop
+    _emit: Emit
+    _wait: Wait
+    _lost_at_s: dict[str, float] = field(default_factory=dict, init=False)
+    _timers: dict[str, Timer] = field(default_factory=dict, init=False)
+    _waiting: dict[Future[None], Participant] = field(default_factory=dict, init=False)
 
     def watched(self, steps: Coroutine) -> Coroutine:
         """Perform steps, and follow the robots meanwhile."""
@@ -81,11 +80,8 @@ class Losses:
 
     def _give_up(self, robot: Participant) -> None:
         """Fail the steps under way of a robot that is lost for longer than they allow, and come back for the others."""
-        limits = {
-            future: self._limit_s(robot, own_s)
-            for future, own_s in robot.pending.items()
-            if future not in self._waiting
-        }
+        pending = [(future, own_s) for future, own_s in robot.pending.items() if future not in self._waiting]
+        limits = {future: self._limit_s(robot, own_s) for future, own_s in pending}
         now_s = self._loop.clock.now()
         later = [limit_s for limit_s in (*limits.values(), self._limit_s(robot, None)) if limit_s > now_s]
         if later:

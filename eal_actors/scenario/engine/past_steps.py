@@ -38,11 +38,11 @@ class PastStep:
 
 @dataclass
 class PastSteps:
-    """The entries of the record about a block that was interrupted.
+    """The entries of the record about a block that was interrupted, in their order.
 
     Attributes:
-        ended: the steps that were over, in their order.
-        readings: the values that were read for conditions, loops and variables, in their order.
+        ended: the steps that were over.
+        readings: the values that were read for conditions, loops and variables.
         begun: how often each robot had begun each step.
     """
 

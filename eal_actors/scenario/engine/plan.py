@@ -20,11 +20,10 @@ from eal_actors.scenario.language.values import final_action
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A scenario that a fleet can run.
+    """A scenario that a fleet can run; robots are in the order of the fleet.
 
     Attributes:
-        roles: the robots of each role, in the order of the fleet.
-        robots: the robots of all roles, in the order of the fleet, spares included.
+        robots: those of all roles, spares included.
         lost: the errors of robots that did not start, by name; empty unless the scenario continues without them.
         calls: number of calls if nothing fails, as far as it is known, with those of `finally`.
     """

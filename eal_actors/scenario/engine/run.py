@@ -139,10 +139,7 @@ class Run:
 
     @property
     def start_s(self) -> float:
-        """Its start, in seconds of the fleet's clock: the zero of its events and records.
-
-        Raises ScenarioError if it was not started.
-        """
+        """Its start by the fleet's clock, in s: the zero of its events; raise ScenarioError if it was not started."""
         if not self._wall_started:
             raise ScenarioError("this run was not started")
         return self._run.zero_s

@@ -12,8 +12,6 @@ from eal_actors.scenario.engine.frames import Frame, StepTask
 from eal_actors.scenario.language.scenario import Step
 from eal_actors.scenario.report.events import RunEvent, RunPaused, RunResumed
 
-# Meetings.
-
 
 def find_meetings(frame: Frame, steps: Sequence[Step]) -> frozenset[Hashable]:
     """Return the keys of the meetings among steps and the steps inside them."""
@@ -32,12 +30,7 @@ def find_meetings(frame: Frame, steps: Sequence[Step]) -> frozenset[Hashable]:
 
 @dataclass(eq=False)
 class Meeting:
-    """A meeting that has taken place.
-
-    Attributes:
-        tasks: the tasks that met, in the order of their arrival.
-        agreement: what they agree on; the first task that continues sets it.
-    """
+    """The tasks that met, in the order of their arrival, and what they agree on; the first that continues sets it."""
 
     tasks: list[StepTask]
     agreement: Any = None
@@ -104,9 +97,6 @@ class Barriers:
                 future.set(meeting)
 
 
-# Signals.
-
-
 class Signals:
     """The signals of a run: latched, counted, and with a value. `values` has the last value of each."""
 
@@ -137,9 +127,6 @@ class Signals:
         else:
             self._waiting.setdefault(key, []).append((count, future))
         return future
-
-
-# Pauses.
 
 
 class PauseControl:

@@ -121,18 +121,12 @@ def _sole_name(value: object) -> str | None:
 
 
 def with_parameters(scenario: Scenario, given: Mapping[str, object]) -> Scenario:
-    """Return a scenario with other values of its parameters.
-
-    Raises ConfigError if a parameter is unknown, or a value is not allowed.
-    """
+    """Return a scenario with other values of its parameters; raise ConfigError if a name or a value is not allowed."""
     return set_parameters(scenario, {**scenario.parameters, **given}) if given else scenario
 
 
 def set_parameters(scenario: Scenario, given: Mapping[str, object]) -> Scenario:
-    """Return a scenario with these values of its parameters, and the defaults of all others.
-
-    Raises ConfigError as `with_parameters` does.
-    """
+    """Return a scenario with these parameters, and the defaults of all others; raise as `with_parameters` does."""
     values: dict[str, object] = {}
     problems = []
     declared = scenario.file.parameters

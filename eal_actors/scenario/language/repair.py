@@ -34,12 +34,7 @@ _VALUES: Final[tuple[Callable[[], Any], ...]] = (
 
 @dataclass(frozen=True, slots=True)
 class RepairedFile:
-    """A file made valid.
-
-    Attributes:
-        paths: the values that were invalid.
-        names: all words in them; they may be names that the rest of the file uses.
-    """
+    """A file made valid: the paths of values that were invalid, and all words in them, perhaps names in the rest."""
 
     file: ScenarioFile
     paths: frozenset[YamlPath]

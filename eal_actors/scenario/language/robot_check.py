@@ -61,12 +61,10 @@ class CheckedCall(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class RobotScope:
-    """The surroundings of a step, with the robots that come to it.
+    """The surroundings of a step, with the robots that come to it, spares included.
 
-    Attributes:
-        roles: the robots of its roles, spares included.
-        groups: the robots of the `on` around it; those with the same resources are in one group.
-        is_of_one: each robot runs the scenario by itself.
+    `groups` are the robots of the `on` around it; those with the same resources are in one group. If it `is_of_one`,
+    each robot runs the scenario by itself.
     """
 
     scenario: Scenario

@@ -209,9 +209,8 @@ def _held_by(kind: type[Step]) -> tuple[tuple[str, str, Held], ...]:
 class FallibleModel(Step):
     """A step that can fail, as in the file.
 
-    Attributes:
-        is_instant: it takes no time, so that only its failure is recorded.
-        meets_again: a resumed run performs it again although it was over.
+    If it `is_instant`, it takes no time, and only its failure is recorded. If it `meets_again`, a resumed run performs
+    it again although it was over.
     """
 
     is_instant: ClassVar[bool] = False

@@ -44,13 +44,9 @@ class LoopVariable(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Scope:
-    """The surroundings of a step.
+    """The surroundings of a step, with the loops from the outermost.
 
-    Attributes:
-        around: the loops around it, from the outermost.
-        is_finally: it belongs to `finally`.
-        is_beside: others run beside it, so that it can meet them.
-        is_top: it is at the top level of the file.
+    If it `is_beside` others, it can meet them; if it `is_top`, it is at the top level of the file.
     """
 
     role: str | None = None
@@ -106,9 +102,7 @@ def signals_of(scenario: Scenario) -> set[str]:
 class ScopeCheck:
     """A walk through the steps in the order in which they run.
 
-    Attributes:
-        saved: the variables that earlier steps assign, by role.
-        constants: the parameters, whose values are known before the run.
+    `saved` are the variables that earlier steps assign, by role; `constants` are the parameters, known before the run.
     """
 
     def __init__(self, scenario: Scenario, doubtful: frozenset[str] = frozenset()) -> None:

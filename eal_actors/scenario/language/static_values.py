@@ -39,13 +39,9 @@ class Guard:
 
 @dataclass(frozen=True, slots=True)
 class StaticValues:
-    """The values known before the run at one step.
+    """The values known before the run at one step, with the loops from the outermost, and the conditions around it.
 
-    Attributes:
-        constants: the parameters and `run`.
-        loops: the loops around the step, from the outermost.
-        guards: the conditions around it.
-        facts: the variables of the robot; empty while a step is checked for many robots at once.
+    The constants are the parameters and `run`; the facts are empty while a step is checked for many robots at once.
     """
 
     constants: Mapping[str, object]

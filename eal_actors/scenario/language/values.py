@@ -129,8 +129,6 @@ def _format(value: object) -> str:
     return as_text(value) if isinstance(value, bool | int | float) else repr(value)
 
 
-# Failure policies.
-
 FailureAction = Literal["abort", "drop", "skip", "substitute"]
 
 
@@ -158,8 +156,6 @@ OnFailure = Annotated[
 """`abort` ends the run, `drop` continues without the robot, `skip` continues with the next step, `substitute` lets a
 spare of the role take the robot's place."""
 
-
-# Policies for lost robots.
 
 LossAction = Literal["fail", "drop", "substitute"]
 

@@ -58,12 +58,7 @@ class RunStarted(RunEvent, kind="run_started"):
 
 @dataclass(frozen=True, slots=True)
 class RunContinued(RunEvent, kind="run_continued"):
-    """An interrupted run was resumed.
-
-    Attributes:
-        wall_continued: wall time in UTC, ISO 8601.
-        scenario, fleet, robots, calls: as in RunStarted.
-    """
+    """An interrupted run was resumed, at a wall time in UTC, ISO 8601; other fields are as in RunStarted."""
 
     first_step: int
     wall_continued: str
@@ -78,7 +73,6 @@ class Checkpoint(RunEvent, kind="checkpoint"):
     """A step of the top level has ended; the state of the run after it.
 
     Attributes:
-        variables: those of the run, by name.
         seats: by role, the robot of each slot and the variables of the slot.
         signals: by name, how often each was given, and its last value.
         unsaved: variables whose values have no form in the record.
@@ -111,10 +105,7 @@ class StepStarted(RunEvent, kind="step_started"):
 
 @dataclass(frozen=True, slots=True)
 class StepRetried(RunEvent, kind="step_retried"):
-    """An attempt at a step has failed, and another follows after the back-off.
-
-    `attempt` is the number of the one that failed, from 1.
-    """
+    """An attempt at a step, counted from 1, has failed, and another follows after the back-off."""
 
     robot: str | None
     step: str
@@ -125,12 +116,10 @@ class StepRetried(RunEvent, kind="step_retried"):
 
 @dataclass(frozen=True, slots=True)
 class StepEnded(RunEvent, kind="step_ended"):
-    """A step has ended.
+    """A step has ended, and has assigned these variables.
 
-    Attributes:
-        answer: the answer of a call, for listeners: an EALData, a status int, or None. `events.jsonl` leaves it out,
-            because camera frames are large.
-        variables: those that the step has assigned, for a resumed run.
+    The answer of a call, an EALData, a status int, or None, is for listeners: `events.jsonl` leaves it out, because
+    camera frames are large.
     """
 
     record: StepRecord
@@ -224,10 +213,7 @@ class RunPaused(RunEvent, kind="run_paused"):
 
 @dataclass(frozen=True, slots=True)
 class RunResumed(RunEvent, kind="run_resumed"):
-    """The run continues after a pause.
-
-    With `is_single_step` each robot may begin one step, and then the run is paused again.
-    """
+    """The run continues after a pause; with `is_single_step` each robot may begin one step before the next pause."""
 
     is_single_step: bool
 

@@ -11,12 +11,9 @@ from eal_actors.scenario.language.scenario import Scenario, Step
 
 @dataclass(frozen=True, slots=True)
 class OutlineLine:
-    """A step, or a heading above steps.
+    """A step, or a heading above steps, at a line of the scenario's file; it lies below `depth` other lines.
 
-    Attributes:
-        depth: how many lines it lies below, from 0.
-        kind: the kind of the step; `branch` or `section` for a heading.
-        line: its line in the scenario's file.
+    The kind is that of the step; `branch` or `section` for a heading.
     """
 
     depth: int

@@ -66,10 +66,7 @@ class Resumption:
 
 
 def read_run(directory: Path) -> Resumption:
-    """Read the folder of an interrupted run.
-
-    Raises ScenarioError if there is no such run, it has ended, or it cannot be resumed.
-    """
+    """Read an interrupted run; raise ScenarioError if there is none, it has ended, or it cannot be resumed."""
     if (directory / SUMMARY).exists():
         raise ScenarioError(f"the run in {directory} has ended; only an interrupted run can be resumed")
     try:

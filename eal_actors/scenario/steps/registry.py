@@ -16,10 +16,7 @@ from eal_actors.scenario.language.scenario import Step
 
 
 def register(kind: type[Step]) -> None:
-    """Add a kind that is defined outside of this package. Call it before the first scenario is read.
-
-    Raises ValueError if there is another kind of this name.
-    """
+    """Add a kind of another package before the first scenario is read; raise ValueError if its name is taken."""
     if kinds().setdefault(kind.kind, kind) is not kind:
         raise ValueError(f"there is a step kind '{kind.kind}' already")
 

@@ -119,7 +119,7 @@ class Bench:
             yield device
         finally:
             if device is not None:
-                device.close()
+                device.wire.close()
 
     @contextmanager
     def connected(

@@ -25,13 +25,13 @@ def waits_for_its_device(bench: Bench, findings: Findings) -> None:
     with bench.emulated_device() as device:
         if device is None:
             return
-        device.unplug()
+        device.wire.unplug()
         with bench.connected([device], ready=False) as (target,):
             findings.expect(
                 holds=bool(target.robot.not_ready),
                 problem="its device is absent, but no resource reports that it is not ready",
             )
-            device.plug_in()
+            device.wire.plug_in()
             _check_recovery(bench, target, findings)
 
 
@@ -41,7 +41,7 @@ def survives_unplugging(bench: Bench, findings: Findings) -> None:
         if device is None:
             return
         with bench.connected([device]) as (target,):
-            device.unplug()
+            device.wire.unplug()
             gone = wait_until(lambda: bool(target.robot.not_ready), bench.ready_within_s)
             if findings.expect(
                 holds=gone, problem="its device was unplugged, but no resource reports that it is not ready"
@@ -51,7 +51,7 @@ def survives_unplugging(bench: Bench, findings: Findings) -> None:
                     findings.refusal(unknown, NotReadyError)
                 for handle in target.resources.values():
                     findings.answer(handle.halt())
-            device.plug_in()
+            device.wire.plug_in()
             _check_recovery(bench, target, findings)
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from eal_actors.device.emulator_wires import WIRES, EmulatorWire
@@ -19,31 +20,18 @@ from eal_actors.managers.manifest import EmulatorSection, PluginManifest
 from eal_actors.managers.plugins import import_plugin
 
 
+@dataclass(frozen=True, slots=True)
 class EmulatedDevice:
-    """A connected emulator, and the settings that lead the plugin to it."""
+    """An emulator on its wire, and the settings that lead the plugin to it."""
 
-    def __init__(self, wire: EmulatorWire, settings: Mapping[str, Any]) -> None:
-        self.settings = settings
-        self._wire = wire
-        wire.plug_in()
-
-    def plug_in(self) -> None:
-        """Reconnect the device, with a new emulator, as if it had been switched off."""
-        self._wire.plug_in()
-
-    def unplug(self) -> None:
-        """Disconnect the device."""
-        self._wire.unplug()
+    wire: EmulatorWire
+    settings: Mapping[str, Any]
 
     def complaints(self) -> Sequence[str]:
         """Return the emulator's complaints since it was plugged in. Thread: waits until it has read everything."""
-        self._wire.drain()
-        complaints: Sequence[str] = getattr(self._wire.emulator, "complaints", ())
+        self.wire.drain()
+        complaints: Sequence[str] = getattr(self.wire.emulator, "complaints", ())
         return tuple(complaints)
-
-    def close(self) -> None:
-        """Remove the device and its wire."""
-        self._wire.close()
 
 
 def emulate_device(manifest: PluginManifest, settings: Mapping[str, Any]) -> EmulatedDevice | None:
@@ -66,4 +54,5 @@ def _connect(manifest: PluginManifest, section: EmulatorSection, settings: Mappi
     if section.wire is None or emulate(settings, REAL_TIME.now) is None:
         return None
     wire = WIRES[section.wire](lambda: emulate(settings, REAL_TIME.now))
+    wire.plug_in()
     return EmulatedDevice(wire, {**settings, **section.driver_settings(wire.address)})

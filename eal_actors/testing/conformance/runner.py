@@ -20,12 +20,7 @@ from eal_actors.testing.conformance.bench import Bench, BlockedActor, Findings
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """A conformance check.
-
-    Attributes:
-        run: checks the plugin and records findings; its docstring states the requirement.
-        nothing: why there may be nothing to check; the reason of a skipped check.
-    """
+    """A check, whose function's docstring states the requirement; `nothing` is why there may be nothing to check."""
 
     run: Callable[[Bench, Findings], None]
     nothing: str = ""
@@ -43,12 +38,9 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """The result of a check.
+    """The result of a check: the problems, or why the check, or part of it, was skipped.
 
-    Attributes:
-        outcome: `ok`, `failed` or `skipped`.
-        problems: the problems, or why the check, or part of it, was skipped.
-        blocked: the resource whose actor a command blocked, which ended the check.
+    `blocked` is the resource whose actor a command blocked, which ended the check.
     """
 
     check: Check

@@ -283,10 +283,7 @@ def render(value: object, names: Namespace) -> object:
 
 
 def render_text(text: str, names: Namespace) -> str:
-    """Return a text with its expressions evaluated: always a text, even if it is one `${...}`.
-
-    Raises ScenarioError as `render` does.
-    """
+    """Return a text with its expressions evaluated, as text even if it is one `${...}`; raise as `render` does."""
     if "${" not in text:
         return text
     template = parse_template(text)

@@ -68,10 +68,7 @@ class Name(NamedTuple):
 
 
 class RobotReading(NamedTuple):
-    """A call of the robot in an expression.
-
-    It is a method of the resource API, with the key or request as its argument.
-    """
+    """A call of the robot in an expression: a method of the resource API, with the key or request as its argument."""
 
     method: str
     resource: str
@@ -86,13 +83,9 @@ class RobotReading(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Expression:
-    """A parsed expression.
+    """A parsed expression: names at their first position, and calls of the robot with their offsets.
 
-    Attributes:
-        tree: its syntax tree; None if it does not parse.
-        names: its variables, each at its first position.
-        readings: its calls of the robot, with their offsets.
-        flaws: its problems; an expression with flaws has no value.
+    The tree is None if it does not parse. An expression with flaws has no value.
     """
 
     text: str
@@ -246,10 +239,7 @@ _BROKEN: Final = "${ must be closed, as in ${expression}; write $${ for a litera
 
 @dataclass(frozen=True, slots=True)
 class Template:
-    """A parsed text.
-
-    `parts` are literal texts, and expressions with the offset of their first character in the text.
-    """
+    """A parsed text. `parts` are literal texts, and expressions with the offset of their first character in it."""
 
     parts: tuple[str | tuple[Expression, int], ...]
     flaws: tuple[Flaw, ...] = ()
