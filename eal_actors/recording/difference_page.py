@@ -70,8 +70,7 @@ def _steps(left: RunFolder, right: RunFolder) -> list[ComparedStep]:
         one, other = of_left.get(key), of_right.get(key)
         if one != other:
             robot, step, number = key
-            label = (one or other or {})["label"]
-            found.append(ComparedStep(robot, label, step, number, one, other))
+            found.append(ComparedStep(robot, (one or other or {})["label"], step, number, one, other))
     return sorted(found, key=lambda row: (row.left or row.right or {})["start_s"])
 
 

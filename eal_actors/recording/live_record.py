@@ -97,8 +97,7 @@ class LiveRecord:
         try:
             with folder_errors(self._directory):
                 self._write(lambda time_s: RunEnded(time_s, report))
-                text = "\n".join(_scenario(report.duration_s).lines)
-                (self._directory / SCENARIO).write_text(text, encoding="utf-8")
+                (self._directory / SCENARIO).write_text("\n".join(_scenario(report.duration_s).lines), encoding="utf-8")
                 self._journal.write_summary(report)
         finally:
             self._journal.close()

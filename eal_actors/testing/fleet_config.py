@@ -83,8 +83,7 @@ def _start(robot: str, start: object) -> object:
     if not isinstance(start, list | tuple):
         return start
     if len(start) not in (2, 3):
-        message = f"must be (x_m, y_m) or (x_m, y_m, yaw_deg), not {start!r}"
-        raise file_error(_NAME, message, f"robots.{robot}.start")
+        raise file_error(_NAME, f"must be (x_m, y_m) or (x_m, y_m, yaw_deg), not {start!r}", f"robots.{robot}.start")
     return dict(zip(("x_m", "y_m", "yaw_deg"), start, strict=False))
 
 

@@ -51,8 +51,7 @@ class ScenarioCaseFile(pytest.File):
             scenario = load_scenario(self.path)
         except ConfigError as error:
             raise self.CollectError(str(error)) from error
-        is_wanted = self.config.getoption("--eal-all") or self.session.isinitpath(self.path)
-        if is_wanted or scenario.expectations():
+        if self.config.getoption("--eal-all") or self.session.isinitpath(self.path) or scenario.expectations():
             yield ScenarioCase.from_parent(self, name=scenario.name, scenario=scenario)
 
 
@@ -118,8 +117,7 @@ class ScenarioCase(pytest.Item):
 
     def _is_broken(self, step: StepRecord) -> bool:
         """Return whether a step is an expectation that did not hold, even if the scenario continued."""
-        is_expectation = step.step in self.scenario.expectations()
-        return is_expectation and step.outcome not in ("done", "aborted", "stopped")
+        return step.step in self.scenario.expectations() and step.outcome not in ("done", "aborted", "stopped")
 
     def _failure_line(self, step: StepRecord) -> str:
         place = self.scenario.position_of(step.step)

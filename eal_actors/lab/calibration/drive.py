@@ -101,8 +101,7 @@ def _drive_square(robot: RobotHandle, base: ResourceHandle, side_m: float, way: 
         except BlockedError:
             is_blocked = True
         if is_blocked:
-            error = BlockedError(f"touches something on side {leg} of a square {way}: clear the floor")
-            raise error.at(robot.name)
+            raise BlockedError(f"touches something on side {leg} of a square {way}: clear the floor").at(robot.name)
         base.send_cmd(_QUARTERS[way], timeout_s=_TURN_S).get()
     return START if odometry is None else _pose_of(odometry)
 

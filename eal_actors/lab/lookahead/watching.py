@@ -160,8 +160,7 @@ class Lookahead:
         findings = [*found, *self._empty_batteries(now_s)]
         if self._on_look is not None:
             self._on_look(now_s, findings)
-        keys = {(finding.kind, finding.robot, finding.other) for finding in findings}
-        self._known &= keys
+        self._known &= {(finding.kind, finding.robot, finding.other) for finding in findings}
         held = [self._report(now_s, finding) for finding in findings]
         return any(held)
 

@@ -43,8 +43,7 @@ class PlacedFrame:
     def project(self, yaws_rad: Floats, down: Floats) -> tuple[NDArray[np.int16], Mask]:
         """Return what the frame shows at yaws (w,) and tangents of depression (h,), and the mask of the frame."""
         x, y, reaches = self.pixels(yaws_rad, down)
-        colours = resampled(self.frame, x, y)
-        return np.asarray(np.rint(colours * np.float32(self.gain)), np.int16), reaches
+        return np.asarray(np.rint(resampled(self.frame, x, y) * np.float32(self.gain)), np.int16), reaches
 
 
 @dataclass(frozen=True, slots=True)

@@ -78,8 +78,7 @@ def shift_by_features(
         return None
     alike = np.flatnonzero(np.linalg.norm(pairs - pairs[best], axis=1) <= max(1.5, _ALIKE_RAD * px_per_rad))
     alike = alike[:: 1 + len(alike) // _ENOUGH]
-    right_px = float(pairs[agree[best], 0].mean())
-    return Shift(right_px, first_px[alike], second_px[alike], "features", _SIGMA_PX)
+    return Shift(float(pairs[agree[best], 0].mean()), first_px[alike], second_px[alike], "features", _SIGMA_PX)
 
 
 def _within_reach(features: Features, others: Features, expected_px: float, window_px: float) -> Features:

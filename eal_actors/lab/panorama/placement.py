@@ -132,8 +132,7 @@ def _place(
         pairs = list(ring.pairs(field_of_view_rad))
         for one, other in pairs:
             if (one, other) not in compared:
-                expected_rad = wrapped_rad(yaws_rad[one] - yaws_rad[other])
-                compared[one, other] = _compare(views[one], views[other], expected_rad)
+                compared[one, other] = _compare(views[one], views[other], wrapped_rad(yaws_rad[one] - yaws_rad[other]))
         outliers = _find_outliers(pairs, compared)
         if not outliers:
             links = {pair: shift for pair in pairs if (shift := compared[pair].shift) is not None}
@@ -226,8 +225,7 @@ def _are_unlike(first: Patch, second: Patch, right_px: int) -> bool:
     one, other, common = _overlap(first, second, right_px)
     if not common.any():
         return False
-    apart = np.abs(cv2.subtract(one, other, dtype=cv2.CV_32F))[common]
-    return float(apart.mean()) > _UNLIKE
+    return float(np.abs(cv2.subtract(one, other, dtype=cv2.CV_32F))[common].mean()) > _UNLIKE
 
 
 def _overlap(first: Patch, second: Patch, right_px: int) -> tuple[Image, Image, np.ndarray]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import random
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -151,8 +151,3 @@ def _fill_in(value: Any, resource: str | None) -> Any:
     if isinstance(value, list):
         return [_fill_in(item, resource) for item in value]
     return value.replace(_RESOURCE, resource or "") if isinstance(value, str) else value
-
-
-def kinds_of(cases: Sequence[FaultCase]) -> Iterator[str]:
-    """Yield the kinds of faults, each once."""
-    yield from dict.fromkeys(fault.kind for case in cases for fault in case)

@@ -44,5 +44,4 @@ def _record(content: Content, worker: TrialWorker, directory: Path) -> None:
             future = run.start()
             if not ends_before(future, fleet.clock, _RECORDED_S):
                 stop_run(run, future, fleet.clock)
-    page = render_report(RunFolder.open(directory), config.world)
-    (directory / "report.html").write_text(page, encoding="utf-8")
+    (directory / "report.html").write_text(render_report(RunFolder.open(directory), config.world), encoding="utf-8")

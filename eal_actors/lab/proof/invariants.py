@@ -173,8 +173,7 @@ def _check_place(trials: Trials, name: str) -> Iterator[Violation]:
     apart_m, turn_rad = math.dist(here[:2], there[:2]), abs(math.remainder(here[2] - there[2], math.tau))
     if apart_m > _PLACE_M or turn_rad > _PLACE_RAD:
         apart = f"{apart_m:.2f} m and {math.degrees(turn_rad):.0f} degrees"
-        message = f"{name} is done, but stands {apart} from where it ends without the fault"
-        yield Violation("outcome", name, "", message)
+        yield Violation("outcome", name, "", f"{name} is done, but stands {apart} from where it ends without the fault")
 
 
 def _was_skipped(step: StepRecord, healthy: Trial) -> bool:

@@ -13,15 +13,7 @@ import yaml
 
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ScenarioError
-from eal_actors.lab.proof.cases import (
-    FaultCase,
-    Injectable,
-    Position,
-    find_positions,
-    kinds_of,
-    plan_cases,
-    single_faults,
-)
+from eal_actors.lab.proof.cases import FaultCase, Injectable, Position, find_positions, plan_cases, single_faults
 from eal_actors.lab.proof.findings import LEAST_FLEET, REPLAY
 from eal_actors.lab.proof.fleet_files import (
     Content,
@@ -203,7 +195,7 @@ def prove(request: ProofRequest, on_case: OnCase = lambda _case, _count: None) -
         unprovable=_unprovable(bound, injectable, twins.left_out),
         healthy=_require_done(healthy),
         out=request.out,
-        kinds=tuple(kinds_of(singles)),
+        kinds=tuple(dict.fromkeys(fault.kind for case in singles for fault in case)),
     )
 
 

@@ -60,8 +60,7 @@ class ProofCase(pytest.Item):
         fleet = find_fleet_beside(self.path) if given is None else Path(self.config.invocation_params.dir) / given
         config = EALConfigManager.load(fleet).fleet
         config = replace(config, seed=config.seed if option.eal_seed is None else option.eal_seed)
-        known = self.scenario.file.parameters
-        settings = [f"{name}={value}" for name, value in option.eal_set if name in known]
+        settings = [f"{name}={value}" for name, value in option.eal_set if name in self.scenario.file.parameters]
         scenario = with_parameters(self.scenario, read_settings(self.scenario.file, settings))
         factory: pytest.TempPathFactory = self.config._tmp_path_factory  # type: ignore[attr-defined]  # noqa: SLF001  # as its own items do
         out = factory.mktemp("proof", numbered=True)

@@ -112,8 +112,7 @@ class _Shrinker:
         healthy = self._worker(task_of(content, ()))
         if healthy.report is None or self._judge(healthy, healthy, ()):
             return None
-        trial = self._worker(task_of(content, case))
-        found = self._judge(healthy, trial, case)
+        found = self._judge(healthy, self._worker(task_of(content, case)), case)
         return next((one for one in found if one.invariant == self._task.invariant), None)
 
     def _judge(self, healthy: Trial, trial: Trial, case: FaultCase) -> tuple[Violation, ...]:

@@ -126,6 +126,5 @@ def _group_by_line(
         if result.job.name in values:
             others = ((name, value) for name, value in result.job.varied.items() if name != first)
             label = ", ".join(f"{_words(name)} {value} {_unit(name) or ''}".rstrip() for name, value in others)
-            points = lines.setdefault(label, {})
-            points.setdefault(result.job.varied[first], []).append(values[result.job.name])
+            lines.setdefault(label, {}).setdefault(result.job.varied[first], []).append(values[result.job.name])
     return lines

@@ -93,8 +93,7 @@ def restore(run: RunContext, resumption: Resumption) -> None:
     for name, (outcome, report) in resumption.gone.items():
         if name in run.robots:
             run.robots[name].has_taken_part = True
-            error = ScenarioError(report.message)
-            run.robots[name].end("replaced" if outcome == "replaced" else "dropped", error)
+            run.robots[name].end("replaced" if outcome == "replaced" else "dropped", ScenarioError(report.message))
     run.records.extend(resumption.records)
     run.starts.extend(resumption.starts)
 
@@ -129,8 +128,7 @@ def report_robot(run: RunContext, robot: Participant) -> RobotReport:
             if slot.robot is robot:
                 variables |= _views(slot.variables)
     error = ErrorReport.of(robot.error) if robot.error is not None else None
-    losses = tuple(robot.losses)
-    return RobotReport(outcome=robot.outcome or "aborted", error=error, variables=variables, losses=losses)
+    return RobotReport(outcome=robot.outcome or "aborted", error=error, variables=variables, losses=tuple(robot.losses))
 
 
 def _views(variables: dict[str, object]) -> dict[str, Any]:

@@ -168,8 +168,7 @@ class StepGroup:
         for task, _ in tasks:
             run.barriers.enter(task)
         if self._until not in ("all", "first"):
-            signal = run.signals.wait(self._context.frame, self._until)
-            signal.add_done_callback(lambda _: self._over.set())
+            run.signals.wait(self._context.frame, self._until).add_done_callback(lambda _: self._over.set())
         for task, coroutine in tasks:
             run.loop.spawn(coroutine, partial(self._ended, task))
         if self._timeout_s is None:

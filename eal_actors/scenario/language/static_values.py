@@ -78,8 +78,7 @@ class StaticValues:
                     if loop.values.readings:
                         return False
                     left |= {name.name for name in loop.values.names}
-        allowed = set(self.constants) | (ROBOT_FACTS if self.has_facts else set())
-        return left <= allowed
+        return left <= set(self.constants) | (ROBOT_FACTS if self.has_facts else set())
 
     def _closure(self, names: set[str]) -> tuple[list[StaticLoop], set[str]]:
         """Return the loops that define names and the conditions around them, outermost first, and the other names.

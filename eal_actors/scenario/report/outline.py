@@ -37,8 +37,7 @@ def outline(scenario: Scenario) -> Iterator[OutlineLine]:
 def _lines(scenario: Scenario, steps: Sequence[Step], path: YamlPath, depth: int) -> Iterator[OutlineLine]:
     for index, step in enumerate(steps):
         here = (*path, index)
-        text = step.describe(scenario.parameters)
-        yield OutlineLine(depth, text, step.kind, scenario.tree.mark_at(here).line)
+        yield OutlineLine(depth, step.describe(scenario.parameters), step.kind, scenario.tree.mark_at(here).line)
         for keys, inner in step.children():
             words = step.branch_words(keys)
             if words is not None:

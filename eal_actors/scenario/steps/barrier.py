@@ -30,8 +30,7 @@ class BarrierStep(WaitingStep, kind="barrier"):
     def check_placement(self, check: ScopeCheck, path: YamlPath, scope: Scope) -> None:
         super().check_placement(check, path, scope)
         if not scope.is_beside:
-            message = "a barrier must be inside an 'on' or a 'parallel'"
-            check.report((*path, "barrier"), message, key=True)
+            check.report((*path, "barrier"), "a barrier must be inside an 'on' or a 'parallel'", key=True)
 
     @override
     def words(self, show: Show) -> str:

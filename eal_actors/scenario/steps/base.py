@@ -39,7 +39,6 @@ class StepKind(Step):
 
     @override
     def check(self, check: ScopeCheck, path: YamlPath, scope: Scope) -> None:
-        """Check the step against its surroundings, and then the steps inside it."""
         if self.safe_to_repeat is not None and not (scope.is_top and path[0] == "steps"):
             check.report((*path, "safe_to_repeat"), "is allowed only for steps of the top level", key=True)
         if self.lost_after_s is not None and scope.role is None and not self.children() and self.part_file is None:
@@ -68,7 +67,6 @@ class StepKind(Step):
 
     @override
     def check_robots(self, check: RobotCheck, path: YamlPath, here: RobotScope) -> None:
-        """Check the step, and the steps inside it, on the robots that come to it."""
         self.check_numbers(check, path, here)
         for located in self.expressions():
             check.expression(located, path, here)
@@ -89,7 +87,6 @@ class StepKind(Step):
 
     @override
     def timeline(self, builder: TimelineBuilder, path: YamlPath, robots: tuple[str, ...]) -> StepTimeline:
-        """Return the robots of the step's timeline entry, and the entries inside it."""
         return robots, builder.children(self, path, robots)
 
 

@@ -130,8 +130,7 @@ class CallStep(TimedStep):
     def check_placement(self, check: ScopeCheck, path: YamlPath, scope: Scope) -> None:
         super().check_placement(check, path, scope)
         if scope.role is None:
-            message = f"which robot? '{self.kind}' must be in the 'do' of an 'on'"
-            check.report((*path, self.kind), message, key=True)
+            check.report((*path, self.kind), f"which robot? '{self.kind}' must be in the 'do' of an 'on'", key=True)
 
     @override
     def check_values(self, check: ScopeCheck, path: YamlPath, scope: Scope) -> None:
@@ -277,8 +276,7 @@ class _CallAction(StepAction):
             self._set(step.arguments.resource, self._fields)
 
     def _describe(self, names: Namespace) -> None:
-        resource = self._step.arguments.resource
-        self._set(render_text(resource, names), self._step.resolved_fields(names))
+        self._set(render_text(self._step.arguments.resource, names), self._step.resolved_fields(names))
 
     def _set(self, resource: str, fields: dict[str, Any]) -> None:
         self.resource, self._fields = resource, fields
@@ -311,8 +309,7 @@ class _CallAction(StepAction):
         self.answer = future.get()
         run.assign(context, step.answer_variable, self.answer)
         if step.answer_file is not None and run.folder is not None:
-            name = render_text(step.answer_file, names if self._expressions else run.namespace(context))
-            self._save(robot, name)
+            self._save(robot, render_text(step.answer_file, names if self._expressions else run.namespace(context)))
 
     def _save(self, robot: Participant, name: str) -> None:
         run = self.run

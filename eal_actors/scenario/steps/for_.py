@@ -118,8 +118,7 @@ class ForStep(LoopStep, kind="for"):
         expressions = list(expressions_in(values))
         found: Any = values
         if expressions:
-            here = f"{path}.for.{name}"
-            found = yield from compute(run, context, self, here, f"for {name}", expressions, self._list)
+            found = yield from compute(run, context, self, f"{path}.for.{name}", f"for {name}", expressions, self._list)
         yield from self.perform_passes(run, context, path, name, found or ())
 
     def _list(self, names: Namespace) -> list[Any]:

@@ -83,8 +83,7 @@ class MapStep(StartStep):
 
     @override
     def call_words(self, resource: str, fields: Mapping[str, Any]) -> str:
-        numbers = fields.get("data", ())
-        return " ".join([self.kind, resource, *(f"{number:.3f}" for number in numbers)])
+        return " ".join([self.kind, resource, *(f"{number:.3f}" for number in fields.get("data", ()))])
 
 
 class GoToStep(MapStep, kind="go_to"):

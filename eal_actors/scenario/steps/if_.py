@@ -38,8 +38,7 @@ class IfStep(BlockStep, kind="if"):
 
     @override
     def robots_inside(self, check: RobotCheck, path: YamlPath, here: RobotScope, keys: Keys) -> RobotScope:
-        guard = Guard(parse_bare(self.if_)[0], keys == ("then",))
-        return replace(here, values=here.values.under(guard))
+        return replace(here, values=here.values.under(Guard(parse_bare(self.if_)[0], keys == ("then",))))
 
     @override
     def block_words(self, show: Show) -> str:

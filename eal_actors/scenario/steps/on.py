@@ -56,8 +56,7 @@ class OnStep(BlockStep, kind="on"):
         if self.on not in roles:
             check.report((*path, "on"), f"unknown role '{self.on}'{did_you_mean(self.on, roles)}")
         if scope.role is not None:
-            message = f"is inside 'on: {scope.role}'; a robot performs one 'on' at a time"
-            check.report((*path, "on"), message, key=True)
+            check.report((*path, "on"), f"is inside 'on: {scope.role}'; a robot performs one 'on' at a time", key=True)
         check.until(self.until, path)
 
     @override

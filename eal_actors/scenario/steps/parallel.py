@@ -59,8 +59,7 @@ class ParallelStep(BlockStep, kind="parallel"):
         for keys, role in self._roles_by_branch(check.scenario, path):
             branch = str(keys[-1])
             if taken.setdefault(role, branch) != branch:
-                message = f"role '{role}' is at work in branch '{taken[role]}' at the same time"
-                check.report((*path, *keys), message)
+                check.report((*path, *keys), f"role '{role}' is at work in branch '{taken[role]}' at the same time")
 
     def _roles_by_branch(self, scenario: Scenario, path: YamlPath) -> Iterator[tuple[Keys, str]]:
         for keys, steps in self.children():
@@ -101,6 +100,5 @@ class ParallelStep(BlockStep, kind="parallel"):
         tasks = []
         for keys, steps in self.children():
             task = StepTask(context.task, context.slot, str(keys[-1]), find_meetings(context.frame, steps))
-            branch = f"{path}.{format_path(keys)}"
-            tasks.append((task, perform_steps(run, steps, branch, replace(inside, task=task))))
+            tasks.append((task, perform_steps(run, steps, f"{path}.{format_path(keys)}", replace(inside, task=task))))
         yield from StepGroup(run, context, self.until).perform(tasks)

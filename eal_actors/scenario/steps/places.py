@@ -60,8 +60,7 @@ def begin_trip(run: RunContext, robot: RobotHandle, place: Place, timeout_s: flo
 
     Raises EALError if the place is unknown, or the robot cannot drive.
     """
-    journey = run.fleet.go_to({robot: place}, timeout_s=timeout_s or JOURNEY_TIMEOUT_S)
-    return journey.arrivals[robot.name]
+    return run.fleet.go_to({robot: place}, timeout_s=timeout_s or JOURNEY_TIMEOUT_S).arrivals[robot.name]
 
 
 # Checks.

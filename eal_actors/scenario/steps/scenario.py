@@ -165,8 +165,7 @@ class ScenarioStep(BlockStep, kind="scenario"):
     @override
     def shared_robots(self, scenario: Scenario, path: YamlPath, roles: RobotsByRole) -> Iterator[Problem]:
         if (part := scenario.parts.get(format_path(path))) is not None:
-            theirs = {role: roles.get(self.roles.get(role, role), ()) for role in part.file.roles}
-            yield from part.shared_robots(theirs)
+            yield from part.shared_robots({role: roles.get(self.roles.get(role, role), ()) for role in part.file.roles})
 
     # Wording and planning.
 
@@ -207,8 +206,7 @@ class ScenarioStep(BlockStep, kind="scenario"):
         run.open_parts.append(here)
 
         def steps(around: ExecutionContext) -> Coroutine:
-            inside = replace(here, task=around.task)
-            return perform_steps(run, scenario.file.steps, f"{frame.prefix}steps", inside)
+            return perform_steps(run, scenario.file.steps, f"{frame.prefix}steps", replace(here, task=around.task))
 
         work = perform_within(run, replace(context, task=task), self, self.timeout_s, path, meets, steps)
         yield from StepGroup(run, context, "all").perform([(task, work)])
