@@ -210,11 +210,8 @@ def _gaps_m(path: Floats, radius_m: float, world: WorldModel) -> Iterator[tuple[
     yield "area", "a wall", np.min(half - np.abs(path[:, :2]), axis=1) - radius_m
     for thing in world.solid_obstacles:
         if isinstance(thing, CircleObstacle):
-            yield (
-                "contact",
-                "an obstacle",
-                np.hypot(path[:, 0] - thing.x_m, path[:, 1] - thing.y_m) - (thing.radius_m + radius_m),
-            )
+            to_centre_m = np.hypot(path[:, 0] - thing.x_m, path[:, 1] - thing.y_m)
+            yield "contact", "an obstacle", to_centre_m - (thing.radius_m + radius_m)
         else:
             yield "contact", "an obstacle", _to_rectangle_m(path, thing) - radius_m
     for drop in world.drops:

@@ -35,9 +35,8 @@ _NEARNESS_SIGMA: Final = 0.1
 _ROUGH_RAD: Final = 0.002  # shift by what stands before the walls, for a camera 8 cm beside the axis
 _SLOPE_SIGMA: Final = 0.05  # of the difference of nearness between two knots
 _TELLING: Final = 25.0  # decrease of the cost, in squared errors of a point, from which another lens is believed
-_BESIDE: Final = (
-    0.9  # of the cost, below which a camera beside the axis is believed: 0.27 to 0.84 if it is, 0.96 if not
-)
+_BESIDE: Final = 0.9
+"""Share of the cost below which a camera beside the axis is believed: 0.27 to 0.84 if it is, 0.96 if not."""
 _OPEN: Final = 0.02  # share of these for an open ring, whose overlaps alone hardly determine a lens
 _LEVEL_SIGMA_RAD: Final = math.radians(0.2)
 _MOST_ZOOM: Final = 0.3  # largest change of the focal length's logarithm

@@ -117,10 +117,8 @@ def find_seams(
         if end < first:
             end += 2 * math.pi * canvas.px_per_rad
         columns = np.arange(math.ceil(first), math.floor(end) + 1)
-        if (
-            not 0 < len(columns) < 2 * views[left].camera.lens.half_view_rad * canvas.px_per_rad
-        ):  # one direction, or no overlap
-            continue
+        if not 0 < len(columns) < 2 * views[left].camera.lens.half_view_rad * canvas.px_per_rad:
+            continue  # one direction, or no overlap
         yaws_rad = canvas.yaws_rad(columns)
         one, one_reaches = views[left].project(yaws_rad, canvas.down)
         other, other_reaches = views[right].project(yaws_rad, canvas.down)
@@ -137,9 +135,8 @@ def find_seams(
 
 def _least_path(costs: Floats) -> NDArray[np.int64]:
     """Return the column of the cheapest path from the top to the bottom, (h,); costs (h, w)."""
-    padded = np.pad(
-        np.asarray(costs, np.float64), ((0, 0), (1, 1)), constant_values=np.inf
-    )  # once: for each row it is slow
+    # Once: for each row it is slow.
+    padded = np.pad(np.asarray(costs, np.float64), ((0, 0), (1, 1)), constant_values=np.inf)
     sums = padded[:, 1:-1]
     for above, row in zip(padded, sums[1:], strict=False):
         row += np.minimum(np.minimum(above[:-2], above[1:-1]), above[2:])

@@ -40,9 +40,8 @@ _BLUR_RAD: Final = 0.0018  # 1 px of a frame of 640 px and 60 degrees
 _UNLIKE: Final = 15.0  # largest difference in grey levels that counts
 _HIDDEN: Final = 1.0  # cost of a distance at which one frame does not show the cell, above that of the best one shown
 _PARALLAX: Final = 0.15  # factor of these differences
-_WALLS: Final = (
-    0.0002  # cost of a distance that is e times that of the wall by features: decides where nothing else does
-)
+_WALLS: Final = 0.0002
+"""Cost of a distance that is e times that of the wall by features: decides where nothing else does."""
 _MOST_RATIO: Final = 0.7
 _BINS: Final = (12, 6, 6)  # widths of the bins of colours (CIE L*a*b*)
 _LOWEST: Final = 0.7  # of the depression of the lower edge, from which most of a picture is floor

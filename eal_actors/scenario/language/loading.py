@@ -143,14 +143,12 @@ class _Loader:
             problems = wrong + [problem for problem in problems if not repaired.concerns(problem)]
         if problems:
             known = {(problem.line, problem.column) for problem in problems}
-            self.salvaged = (
-                set_parameters(scenario, parameters),
-                lambda problem: (
-                    not (
-                        (problem.line, problem.column) in known or (repaired is not None and repaired.concerns(problem))
-                    )
-                ),
-            )
+
+            def is_other(problem: Problem) -> bool:
+                is_due_to_repair = repaired is not None and repaired.concerns(problem)
+                return not is_due_to_repair and (problem.line, problem.column) not in known
+
+            self.salvaged = set_parameters(scenario, parameters), is_other
             raise ConfigError(list(dict.fromkeys(problems)))
         return set_parameters(scenario, parameters)
 

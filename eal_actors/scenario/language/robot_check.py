@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Final, NamedTuple
 
 from eal_actors.device.data import EALData
@@ -117,10 +118,7 @@ class RobotCheck:
         inside: tuple[str, int] | None = None,
     ) -> None:
         """Add a problem of some robots, or of the scenario without robots."""
-
-        def make(text: str) -> Problem:
-            return here.scenario.problem(path, text, inside=inside)
-
+        make = partial(here.scenario.problem, path, inside=inside)
         self._found.setdefault((id(here.scenario), path, message), (make, {}))[1].update(dict.fromkeys(robots))
 
     def visit_file(self, here: RobotScope) -> None:

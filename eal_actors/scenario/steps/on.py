@@ -93,7 +93,6 @@ class OnStep(BlockStep, kind="on"):
         for slot in run.slots_of(self.on, context):
             task = StepTask(context.task, slot, meets=meets)
             here = replace(inside, task=task, slot=slot, role=self.on)
-            tasks.append(
-                (task, perform_within(run, here, self, self.timeout_s, path, meets, work))
-            )  # the limit is each robot's own
+            # The limit is each robot's own.
+            tasks.append((task, perform_within(run, here, self, self.timeout_s, path, meets, work)))
         yield from StepGroup(run, context, self.until).perform(tasks)

@@ -175,7 +175,7 @@ class Findings:
     problems: list[str] = field(default_factory=list)
     tried: int = 0
 
-    def expect(self, *, holds: bool, problem: str) -> bool:
+    def expect(self, holds: bool, problem: str) -> bool:
         """Record a problem unless a condition holds; return the condition."""
         self.tried += 1
         if not holds:

@@ -42,7 +42,7 @@ def reports_unsupported_methods(bench: Bench, findings: Findings) -> None:
                 error = findings.refusal(_ANY_CALL[method](handle), UnsupportedError)
                 if error is not None:
                     names = name in str(error) and method in str(error)
-                    findings.expect(holds=names, problem=f"{name}: {method}: the error does not name both: {error}")
+                    findings.expect(names, f"{name}: {method}: the error does not name both: {error}")
 
 
 def answers_at_once(bench: Bench, findings: Findings) -> None:
@@ -90,9 +90,9 @@ def _check_answer(findings: Findings, what: str, future: Future[EALData], promis
     if data is None or promised is None:
         return
     problem = promised.problem(data)
-    findings.expect(holds=problem is None, problem=f"{what}: the answer {problem}")
+    findings.expect(problem is None, f"{what}: the answer {problem}")
     same_unit = data.unit is None or data.unit == promised.unit
-    findings.expect(holds=same_unit, problem=f"{what}: the answer is in {data.unit}, declared is {promised.unit}")
+    findings.expect(same_unit, f"{what}: the answer is in {data.unit}, declared is {promised.unit}")
 
 
 def keeps_configuration(bench: Bench, findings: Findings) -> None:
@@ -105,9 +105,7 @@ def keeps_configuration(bench: Bench, findings: Findings) -> None:
                     continue
                 after = findings.answer(handle.get_config(key.name))
                 same = after is not None and (after.type, after.payload) == (before.type, before.payload)
-                findings.expect(
-                    holds=same, problem=f"{name}: {key.name} was {before!r}; set to this value, it is {after!r}"
-                )
+                findings.expect(same, f"{name}: {key.name} was {before!r}; set to this value, it is {after!r}")
 
 
 def refuses_unknown_names(bench: Bench, findings: Findings) -> None:
@@ -137,7 +135,7 @@ def refuses_bad_arguments(bench: Bench, findings: Findings) -> None:
                 after = findings.answer(handle.get_config(key.name))
                 if before is not None and after is not None:
                     same = before.payload == after.payload
-                    findings.expect(holds=same, problem=f"{name}: {key.name}: a refused value changed it to {after!r}")
+                    findings.expect(same, f"{name}: {key.name}: a refused value changed it to {after!r}")
             if handle.info.value is not None and "set_value" in handle.info.methods:
                 for value in bad_values(handle.info.value):
                     findings.refusal(handle.set_value(value), ArgumentError)
@@ -158,14 +156,12 @@ def _refuse_commands(findings: Findings, handle: ResourceHandle) -> None:
         findings.refusal(handle.send_cmd(text, data), ArgumentError)
     if calls and asks_status:
         after = findings.answer(handle.get_status())
-        findings.expect(
-            holds=before == after, problem=f"{handle.name}: refused commands changed its status: {before} to {after}"
-        )
+        findings.expect(before == after, f"{handle.name}: refused commands changed its status: {before} to {after}")
     running = start_lasting_command(handle, findings) if calls else None
     if running is not None:
         findings.refusal(handle.send_cmd(*calls[0]), ArgumentError)
         wait_until_started(handle, running.describe())
-        findings.expect(holds=not running.done(), problem=f"a refused command stopped {running.describe()}")
+        findings.expect(not running.done(), f"a refused command stopped {running.describe()}")
         findings.answer(handle.halt())
 
 

@@ -27,10 +27,8 @@ def waits_for_its_device(bench: Bench, findings: Findings) -> None:
             return
         device.wire.unplug()
         with bench.connected([device], ready=False) as (target,):
-            findings.expect(
-                holds=bool(target.robot.not_ready),
-                problem="its device is absent, but no resource reports that it is not ready",
-            )
+            reports = bool(target.robot.not_ready)
+            findings.expect(reports, "its device is absent, but no resource reports that it is not ready")
             device.wire.plug_in()
             _check_recovery(bench, target, findings)
 
@@ -43,9 +41,7 @@ def survives_unplugging(bench: Bench, findings: Findings) -> None:
         with bench.connected([device]) as (target,):
             device.wire.unplug()
             gone = wait_until(lambda: bool(target.robot.not_ready), bench.ready_within_s)
-            if findings.expect(
-                holds=gone, problem="its device was unplugged, but no resource reports that it is not ready"
-            ):
+            if findings.expect(gone, "its device was unplugged, but no resource reports that it is not ready"):
                 for name in target.robot.not_ready:
                     unknown = target.resources[name].get_config("eal-conformance-unknown")  # refused anyway
                     findings.refusal(unknown, NotReadyError)
@@ -59,7 +55,7 @@ def _check_recovery(bench: Bench, target: BenchRobot, findings: Findings) -> Non
     ready = wait_until(lambda: not target.robot.not_ready and not _find_unready(target), bench.ready_within_s)
     unready = (*target.robot.not_ready.items(), *_find_unready(target))
     reasons = "; ".join(f"{name}: {reason}" for name, reason in unready)
-    findings.expect(holds=ready, problem=f"its device is back, but it does not work again: {reasons}")
+    findings.expect(ready, f"its device is back, but it does not work again: {reasons}")
 
 
 def _find_unready(target: BenchRobot) -> list[tuple[str, str]]:
@@ -82,7 +78,7 @@ def separates_concurrent_calls(bench: Bench, findings: Findings) -> None:
             if not isinstance(answer.exception(), UnavailableError):  # a source may run dry after so many calls
                 findings.answer(answer)
         for complaint in device.complaints() if device is not None else ():
-            findings.expect(holds=False, problem=f"the emulator received invalid input: {complaint}")
+            findings.expect(False, f"the emulator received invalid input: {complaint}")
 
 
 def _ask_everything(handle: ResourceHandle) -> list[Future[Any]]:
@@ -123,7 +119,7 @@ def releases_its_ports(bench: Bench, findings: Findings) -> None:
             for _, handle in _with_value(target):
                 handle.get_value().exception()
         left = _opened_since(before)
-        findings.expect(holds=not left, problem=f"is still open after close: {', '.join(sorted(left.values()))}")
+        findings.expect(not left, f"is still open after close: {', '.join(sorted(left.values()))}")
 
 
 def _opened_since(before: dict[str, str]) -> dict[str, str]:

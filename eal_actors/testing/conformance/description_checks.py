@@ -20,17 +20,15 @@ def starts(bench: Bench, findings: Findings) -> None:
         findings.problems += contradictions
         return
     missing = manifest.missing_modules()
-    findings.expect(holds=not missing, problem=f"required modules are not installed: {', '.join(missing)}")
+    findings.expect(not missing, f"required modules are not installed: {', '.join(missing)}")
     found = EALPluginManager([bench.folder.resolve().parent]).manifests[manifest.name].folder
-    findings.expect(
-        holds=found.resolve() == bench.folder.resolve(), problem=f"the plugin in {found} has the same name and hides it"
-    )
+    findings.expect(found.resolve() == bench.folder.resolve(), f"the plugin in {found} has the same name and hides it")
     with bench.robot() as robot:
         promised, there = set(manifest.file.resources), set(robot)
         has_settings = hasattr(import_plugin(manifest), "Settings")  # settings may select the resources
         findings.expect(
-            holds=promised == there or (has_settings and (there < promised or not promised)),
-            problem=f"the manifest declares {', '.join(sorted(promised))}, but it has {', '.join(sorted(there))}",
+            promised == there or (has_settings and (there < promised or not promised)),
+            f"the manifest declares {', '.join(sorted(promised))}, but it has {', '.join(sorted(there))}",
         )
 
 
@@ -39,7 +37,7 @@ def describes_itself(bench: Bench, findings: Findings) -> None:
     with bench.robot() as robot:
         for name, handle in robot.items():
             for gap in _gaps(handle.info):
-                findings.expect(holds=False, problem=f"{name}: {gap}")
+                findings.expect(False, f"{name}: {gap}")
             findings.tried += 1
 
 
@@ -82,4 +80,4 @@ def survives_json(bench: Bench, findings: Findings) -> None:
                 again: object = ResourceInfo.from_dict(json.loads(json.dumps(info.to_dict())))
             except (TypeError, ValueError, LookupError) as error:
                 again = f"{type(error).__name__}: {error}"
-            findings.expect(holds=again == info, problem=f"{name}: {info} became {again}")
+            findings.expect(again == info, f"{name}: {info} became {again}")

@@ -16,7 +16,7 @@ def reconnects(bench: Bench, findings: Findings) -> None:
     with bench.robot() as robot:
         before = list(robot)
     with bench.robot() as robot:
-        findings.expect(holds=list(robot) == before, problem=f"there were {before}, and then {list(robot)}")
+        findings.expect(list(robot) == before, f"there were {before}, and then {list(robot)}")
 
 
 def leaves_no_thread(bench: Bench, findings: Findings) -> None:
@@ -26,7 +26,7 @@ def leaves_no_thread(bench: Bench, findings: Findings) -> None:
         for handle in robot.values():
             start_lasting_command(handle, findings)
     left = sorted(thread.name for thread in set(threading.enumerate()) - before)
-    findings.expect(holds=not left, problem=f"threads are left behind: {', '.join(left)}")
+    findings.expect(not left, f"threads are left behind: {', '.join(left)}")
 
 
 def shares_no_state(bench: Bench, findings: Findings) -> None:
@@ -42,11 +42,11 @@ def shares_no_state(bench: Bench, findings: Findings) -> None:
 
 def _check_independence(findings: Findings, first: Resources, second: Resources, name: str) -> None:
     one, other = first[name], second[name]
-    findings.expect(holds=one.resource() is not other.resource(), problem=f"{name}: both robots have the same object")
+    findings.expect(one.resource() is not other.resource(), f"{name}: both robots have the same object")
     running = start_lasting_command(one, findings)
     if running is not None:
         findings.answer(other.halt())
-        findings.expect(holds=not running.done(), problem=f"{name}: halting one robot stopped the other")
+        findings.expect(not running.done(), f"{name}: halting one robot stopped the other")
         findings.answer(one.halt())
     for key in one.info.configs:
         if key.writable:
@@ -57,7 +57,7 @@ def _check_independence(findings: Findings, first: Resources, second: Resources,
         if value is not None and findings.answer(one.set_value(value)) is not None:
             seen = findings.answer(other.get_value())
             apart = seen is None or seen.value != value
-            findings.expect(holds=apart, problem=f"{name}: setting one robot's value set the other's")
+            findings.expect(apart, f"{name}: setting one robot's value set the other's")
 
 
 def _check_key(findings: Findings, one: ResourceHandle, other: ResourceHandle, key: str) -> None:
@@ -69,5 +69,5 @@ def _check_key(findings: Findings, one: ResourceHandle, other: ResourceHandle, k
         return
     after = findings.answer(other.get_config(key))
     same = after is not None and after.payload == before.payload
-    findings.expect(holds=same, problem=f"{one.name}: setting {key} of one robot changed the other's")
+    findings.expect(same, f"{one.name}: setting {key} of one robot changed the other's")
     findings.answer(one.set_config(key, kept))

@@ -26,7 +26,7 @@ def start_command(handle: ResourceHandle, command: CommandInfo, findings: Findin
     what = f"{handle.name}: send_cmd {call[0]}"
     wait_until_started(handle, what)
     if future.done() and isinstance(error := future.exception(), ResourceFaultError | ReturnTypeError):
-        findings.expect(holds=False, problem=f"{what} failed: {error.code}: {error.message}")
+        findings.expect(False, f"{what} failed: {error.code}: {error.message}")
     return future
 
 
@@ -62,7 +62,7 @@ def can_be_halted(bench: Bench, findings: Findings) -> None:
     with bench.robot() as robot:
         for handle in actuators(robot):
             own = type(handle.resource()).halt is not Resource.halt
-            findings.expect(holds=own, problem=f"{handle.name} is an actuator and does not override halt")
+            findings.expect(own, f"{handle.name} is an actuator and does not override halt")
             findings.answer(handle.halt())
             findings.answer(handle.halt())
 
@@ -76,7 +76,7 @@ def stops_running_commands(bench: Bench, findings: Findings) -> None:
                 continue
             if "get_status" in handle.info.methods:
                 findings.answer(handle.get_status())
-            findings.expect(holds=not running.done(), problem=f"a request for the status ended {running.describe()}")
+            findings.expect(not running.done(), f"a request for the status ended {running.describe()}")
             findings.answer(handle.halt())
             findings.refusal(running, PreemptedError)
             for urgent in sorted(handle.info.urgent_commands):
@@ -93,9 +93,7 @@ def stops_running_commands(bench: Bench, findings: Findings) -> None:
 def _expect_preempted(
     findings: Findings, handle: ResourceHandle, running: Future[int] | None, stop: Future[int] | None
 ) -> None:
-    again = findings.expect(
-        holds=running is not None, problem=f"{handle.name}: a long command did not start again after a halt"
-    )
+    again = findings.expect(running is not None, f"{handle.name}: a long command did not start again after a halt")
     if stop is not None:
         findings.answer(stop)
     if again and running is not None:

@@ -30,10 +30,8 @@ def estimates_its_pose(bench: Bench, findings: Findings) -> None:
         before = _estimate(pose, findings)
         if before is None:
             return
-        findings.expect(holds=before.frame_id == MAP_FRAME, problem=f"{_POSE}: its frame is not {MAP_FRAME!r}")
-        findings.expect(
-            holds=_distance_m(before, _PLACE) < _SHORT_M, problem=f"{_POSE}: set_value does not set the estimate"
-        )
+        findings.expect(before.frame_id == MAP_FRAME, f"{_POSE}: its frame is not {MAP_FRAME!r}")
+        findings.expect(_distance_m(before, _PLACE) < _SHORT_M, f"{_POSE}: set_value does not set the estimate")
         _check_fixes(pose, before, findings)
         corrected = _estimate(pose, findings)  # the fix has made it more certain
         if (
@@ -54,20 +52,18 @@ def _check_drive(pose: ResourceHandle, before: PoseEstimate, findings: Findings)
         return bool(after) and _distance_m(after[-1], (before.x_m, before.y_m)) > _SHORT_M
 
     moved = wait_until(has_moved, _READ_S)  # the last reading may be on its way
-    if findings.expect(holds=moved, problem=f"{_POSE}: it does not follow the base") and after:
+    if findings.expect(moved, f"{_POSE}: it does not follow the base") and after:
         course_rad = math.atan2(after[-1].y_m - before.y_m, after[-1].x_m - before.x_m)
         ahead = abs(math.remainder(course_rad - before.yaw_rad, math.tau)) < 0.5
-        findings.expect(holds=ahead, problem=f"{_POSE}: a drive ahead does not move it along its yaw")
+        findings.expect(ahead, f"{_POSE}: a drive ahead does not move it along its yaw")
         grown = after[-1].covariance[2][2] > before.covariance[2][2]
-        findings.expect(holds=grown, problem=f"{_POSE}: its uncertainty does not grow with the distance")
+        findings.expect(grown, f"{_POSE}: its uncertainty does not grow with the distance")
 
 
 def _check_fixes(pose: ResourceHandle, estimate: PoseEstimate, findings: Findings) -> None:
     fix = PoseEstimate(estimate.x_m, estimate.y_m, estimate.yaw_rad, diagonal(0.01, 0.02), estimate.stamp_s)
     sent = EALData.of(fix.numbers(), frame_id=MAP_FRAME, stamp_s=fix.stamp_s)
-    findings.expect(
-        holds=findings.answer(pose.send_cmd("fix", sent)) == 1, problem=f"{_POSE}: a fix of its own pose is refused"
-    )
+    findings.expect(findings.answer(pose.send_cmd("fix", sent)) == 1, f"{_POSE}: a fix of its own pose is refused")
     singular = EALData.of([*fix.numbers()[:3], *[0.0] * 9], stamp_s=fix.stamp_s)
     for wrong in (singular, EALData.of(fix.numbers()), EALData.of([math.nan, *fix.numbers()[1:]], stamp_s=fix.stamp_s)):
         findings.refusal(pose.send_cmd("fix", wrong), ArgumentError)
@@ -81,7 +77,7 @@ def _estimate(pose: ResourceHandle, findings: Findings) -> PoseEstimate | None:
     try:
         return PoseEstimate.of_numbers(list(data.value), data.stamp_s if data.stamp_s is not None else math.nan)
     except ArgumentError as error:
-        findings.expect(holds=False, problem=f"{_POSE}: estimate: {error.message}")
+        findings.expect(False, f"{_POSE}: estimate: {error.message}")
         return None
 
 
