@@ -34,11 +34,7 @@ from eal_actors.kernel.errors import (
 class ScheduledCommand:
     """Holds the one command of a resource that waits for its start time.
 
-    Args:
-        inbox: the inbox of the resource's actor, whose timer starts the command.
-        start: starts a command; called in the actor's thread.
-
-    Thread: the resource's actor.
+    A timer of the actor's `inbox` starts it, by `start`. Thread: the resource's actor.
     """
 
     def __init__(self, inbox: Inbox, start: Callable[[Call[Any]], None]) -> None:
@@ -70,8 +66,7 @@ class ScheduledCommand:
 
     def preempt(self, reason: str) -> None:
         """Fail the waiting command, if there is one, with PreemptedError."""
-        call = self.call
-        if call is not None:
+        if (call := self.call) is not None:
             self.discard(call)
             call.fail(PreemptedError(reason))
 
@@ -87,8 +82,7 @@ class ScheduledCommand:
 class _ActivityRun:
     """A running activity and the call that it answers; the background activity answers none.
 
-    Attributes:
-        convert: makes the answer of the activity's result.
+    `convert` makes the answer of the activity's result.
     """
 
     activity: Activity
@@ -244,8 +238,7 @@ class ActivityActor(EALActor):
         else:
             if call is not None and resource._reported_progress is not None:
                 call.note_progress(Progress(*resource._reported_progress, now_s))
-            next_s = min(now_s + delay_s, run.deadline_s)
-            run.timer = self.actor_inbox.call_at(next_s, lambda: self._step(run))
+            run.timer = self.actor_inbox.call_at(min(now_s + delay_s, run.deadline_s), lambda: self._step(run))
         finally:
             self.busy_until_s = None
             log.set_call(None)

@@ -37,11 +37,9 @@ class AbandonedThread(BaseException):
 class EALActor(pykka.ThreadingActor):
     """A Pykka actor that survives exceptions in its messages, and whose crash stops no other actor.
 
-    Subclasses handle their messages in `on_receive`; timers run by themselves. Pykka's loop stops every actor of
-    the process when a message raises SystemExit; ours reports a crash of this one actor to `on_crash`.
-
-    Args:
-        capacity: the most calls that may wait in its mailbox.
+    Subclasses handle their messages in `on_receive`; timers run by themselves. Pykka's loop stops every actor of the
+    process when a message raises SystemExit; ours reports a crash of this one actor to `on_crash`. `capacity` is the
+    most calls that may wait in its mailbox.
     """
 
     # A stuck handler must not keep the process alive; the code that starts actors stops and joins them.

@@ -19,9 +19,7 @@ T = TypeVar("T")
 class _CombinedFuture(Future[T]):
     """A future made of others: cancelling it cancels all of them.
 
-    Args:
-        what: the function that combines them.
-        watched: those that count; all if None.
+    `what` is the function that combines them; `watched` are those that count, all if None.
     """
 
     def __init__(self, parts: list[Future[Any]], what: str, watched: list[Future[Any]] | None = None) -> None:

@@ -26,10 +26,8 @@ MAX_RATE_HZ: Final = 1000.0
 class StreamSpec:
     """The rate and encoding of a stream.
 
-    Attributes:
-        rate_hz: values in a second of the fleet's clock, at most.
-
-    Raises ArgumentError if the rate is not over 0 and up to MAX_RATE_HZ, or the encoding is unknown.
+    `rate_hz` is the most values in a second of the fleet's clock. Raises ArgumentError if the rate is not over 0 and up
+    to MAX_RATE_HZ, or the encoding is unknown.
     """
 
     rate_hz: float

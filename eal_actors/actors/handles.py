@@ -83,10 +83,8 @@ class RobotHandle(RobotParts, Mapping[str, ResourceHandle]):
     def on_state(self, callback: Callable[[RobotState], None]) -> Callable[[], None]:
         """Call back with the robot's state now and at each change; errors of the callback are logged.
 
-        Returns:
-            A function that stops it; calling it twice is harmless.
-
-        Thread: any; does not block. The callback runs in the robot's own thread, so it must not block.
+        Returns a function that stops it; calling it twice is harmless. Thread: any; does not block. The callback runs
+        in the robot's own thread, so it must not block.
         """
         return self._view.observe(callback)
 
@@ -133,8 +131,7 @@ class RobotHandle(RobotParts, Mapping[str, ResourceHandle]):
             ResourceNotFoundError: the robot has no such resource.
             RobotFailedError: the robot failed before it had any resource.
         """
-        cell = self._view.cells.get(name)
-        if cell is not None:
+        if (cell := self._view.cells.get(name)) is not None:
             return ResourceHandle(cell)
         if not self._view.cells and self.state is RobotState.FAILED:
             raise self._failed()
@@ -193,12 +190,8 @@ class RobotHandle(RobotParts, Mapping[str, ResourceHandle]):
     def stop(self, reason: str = "") -> Future[None]:
         """Stop in an emergency: halt everything that moves, and refuse motions with StoppedError until `resume`.
 
-        A robot on the network gets the stop again and again until it confirms it; see `is_stop_confirmed`.
-
-        Args:
-            reason: appears in the errors of refused motions.
-
-        Thread: any; does not block.
+        A robot on the network gets the stop again and again until it confirms it; see `is_stop_confirmed`. `reason`
+        appears in the errors of refused motions. Thread: any; does not block.
         """
         return self._actor.stop_now(reason)
 
@@ -216,11 +209,7 @@ class RobotHandle(RobotParts, Mapping[str, ResourceHandle]):
 
         Otherwise they are free when the fleet is closed. Motions of ours are halted; a later command takes the resource
         anew. Resources that other controllers hold, or nobody holds, as within one process, are left as they are.
-
-        Args:
-            resources: their names; all of the robot's if there are none.
-
-        Thread: any; does not block.
+        Without `resources`, all of the robot's are released. Thread: any; does not block.
         """
         return self._actor.release(resources or tuple(self))
 

@@ -19,10 +19,7 @@ from eal_actors.device.data import EALData
 def read_many(handles: Sequence[ResourceHandle], timeout_s: float | None = None) -> list[Call[EALData]]:
     """Read the values of many resources; return the calls in the same order.
 
-    Args:
-        handles: the resources.
-        timeout_s: seconds of the fleet's clock until the deadline of each call; None for the fleet file's default.
-
+    `timeout_s` is seconds of the fleet's clock until the deadline of each call; None for the fleet file's default.
     Thread: any; runs the resources' code where it may run in any thread, and does not wait.
     """
     return [handle.call_among_many("get_value", (), timeout_s) for handle in handles]
@@ -33,13 +30,8 @@ def send_many(
 ) -> list[Call[int]]:
     """Send a command to many resources; return the calls in the same order.
 
-    Args:
-        handles: the resources.
-        cmd: the command. A stop overtakes what waits, as with `ResourceHandle.send_cmd`.
-        data: its argument, where its text does not hold it.
-        timeout_s: seconds of the fleet's clock until the deadline of each call; None for the fleet file's default.
-
-    Thread: any; runs the resources' code where it may run in any thread, and does not wait.
+    `cmd`, `data` and `timeout_s` are as for `ResourceHandle.send_cmd`; a stop overtakes what waits, as there. Thread:
+    any; runs the resources' code where it may run in any thread, and does not wait.
     """
     arguments = cmd, None if data is None else EALData.of(data)
     return [

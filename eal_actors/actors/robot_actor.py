@@ -7,7 +7,7 @@ import math
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from typing_extensions import override
 
@@ -31,6 +31,8 @@ from eal_actors.kernel.errors import (
     error_text,
 )
 from eal_actors.kernel.log import get_logger
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,8 +87,7 @@ class RobotActor(EALActor, RobotConnection):
             watch=self._watch,
         )
         self._stopping = False
-        self._stop_waits = False
-        """Whether an emergency stop waits for the halt of a device that is absent."""
+        self._stop_waits = False  # whether an emergency stop waits for the halt of a device that is absent
         self._threads: list[threading.Thread] = []
         self._log = get_logger(robot=spec.name)
 
@@ -183,8 +184,7 @@ class RobotActor(EALActor, RobotConnection):
             self._starting.discard(name)
             self._ready_if_all_up()
             return
-        delay_s = self._intensity.next_delay_s(self.clock.now())
-        if delay_s is None:
+        if (delay_s := self._intensity.next_delay_s(self.clock.now())) is None:
             limit = f"more than {self._intensity.max_restarts} restarts in {self._intensity.window_s:g} s"
             self._fail(RobotFailedError(f"stopped safely after {limit}; last, {name} {reason}", robot=self.spec.name))
             return
@@ -202,8 +202,7 @@ class RobotActor(EALActor, RobotConnection):
         if self._children.get(actor.cell.name) is not actor:
             return
         actor.watched_until_s = math.inf  # first, so that a step that begins from here on asks for another check
-        busy_until_s = actor.busy_until_s
-        if busy_until_s is None:
+        if (busy_until_s := actor.busy_until_s) is None:
             return
         overdue_s = self.clock.now() - busy_until_s
         if overdue_s < HANG_GRACE_S - _ROUNDING_S:  # within its time: check again when that is over
@@ -234,18 +233,8 @@ class RobotActor(EALActor, RobotConnection):
     def ping(self) -> Future[Ping]:
         """Answer at once, whatever the robot does."""
         view = self.view
-        future: Future[Ping] = Future()
-        future.set(
-            Ping(
-                view.state,
-                release(),
-                len(view.cells),
-                view.latch.reason,
-                not_ready=dict(view.not_ready),
-                running=self.running(),
-            )
-        )
-        return future
+        about, not_ready = (view.state, release(), len(view.cells), view.latch.reason), dict(view.not_ready)
+        return self._done(Ping(*about, not_ready=not_ready, running=self.running()))
 
     @override
     def running(self) -> tuple[RunningCommand, ...]:
@@ -277,16 +266,16 @@ class RobotActor(EALActor, RobotConnection):
     @override
     def resume(self) -> Future[None]:
         self.view.latch.clear()
-        return self._done()
+        return self._done(None)
 
     @override
     def release(self, _: Sequence[str]) -> Future[None]:
         """Do nothing: within a process no controller holds a resource against others."""
-        return self._done()
+        return self._done(None)
 
-    def _done(self) -> Future[None]:
-        done: Future[None] = Future(self.clock)
-        done.set(None)
+    def _done(self, value: T) -> Future[T]:
+        done: Future[T] = Future(self.clock)
+        done.set(value)
         return done
 
     # The end.

@@ -86,8 +86,7 @@ def command_of(call: Call[Any]) -> str:
 class MailboxLoad:
     """The calls that wait in a mailbox.
 
-    Attributes:
-        oldest_s: seconds of the fleet's clock since the oldest of them was made; 0 if none waits.
+    `oldest_s` is seconds of the fleet's clock since the oldest was made; 0 if none waits.
     """
 
     count: int
@@ -96,8 +95,7 @@ class MailboxLoad:
 
 def mailbox_load(cell: ResourceCell) -> MailboxLoad | None:
     """Return the load of a resource's mailbox; None if that is in another process. Thread: any; does not block."""
-    actor = cell.actor
-    if actor is None:
+    if (actor := cell.actor) is None:
         return MailboxLoad(0, 0.0)
     if not isinstance(actor, EALActor):
         return None
@@ -232,8 +230,7 @@ class RobotView:
 class StateFuture(Future[RobotState]):
     """Done when a robot is in a state. It fails at the deadline, or as soon as the robot can never reach the state.
 
-    Args:
-        timeout_s: seconds of the fleet's clock.
+    `timeout_s` is in seconds of the fleet's clock.
     """
 
     def __init__(self, view: RobotView, state: RobotState, timeout_s: float, timekeeper: Timekeeper) -> None:
@@ -266,10 +263,7 @@ class StateFuture(Future[RobotState]):
 class RobotConnection(Protocol):
     """The actor behind a robot: one that runs it in this process, or one that reaches it over a network.
 
-    Attributes:
-        actor_inbox: runs the timers of deadlines, by the fleet's clock.
-
-    Thread: any; only `join` blocks.
+    `actor_inbox` runs the timers of deadlines, by the fleet's clock. Thread: any; only `join` blocks.
     """
 
     clock: Clock

@@ -44,10 +44,8 @@ class Stream(Iterator[EALData]):
     `fleet.clock.now() - value.stamp_s` is its age.
 
     While the resource restarts or the robot is lost, a reader waits, at most for the time-out; a later read continues
-    once the robot is back. The resource and its robot serve a stream until it is closed.
-
-    Args:
-        timeout_s: seconds of the fleet's clock that `next` waits at most.
+    once the robot is back. The resource and its robot serve a stream until it is closed. `next` waits `timeout_s`
+    seconds of the fleet's clock at most.
 
     Raises:
         ArgumentError: the encoding cannot carry the resource's values.
@@ -110,8 +108,7 @@ class Stream(Iterator[EALData]):
                     waiter = new_waiter()
                     self._waiters.append(waiter)
             if item is not None:
-                value = self._open(item)
-                if value is not None:
+                if (value := self._open(item)) is not None:
                     return value
                 continue
             left_s = end_s - clock.now()
@@ -220,8 +217,7 @@ class PolledFeed:
         if self._is_closed:
             return
         now_s = self._cell.clock.now()
-        error = call.exception()
-        if error is None:
+        if (error := call.exception()) is None:
             self._sink(self._check(call.get(), now_s))
         else:
             self._sink(error if isinstance(error, EALError) else ResourceFaultError(error_text(error)))

@@ -39,8 +39,7 @@ class BackOff:
 class RestartIntensity:
     """One-for-one supervision: at most `max_restarts` restarts within `window_s` for all children together.
 
-    Attributes:
-        window_s: the window's length in seconds.
+    `window_s` is in seconds.
     """
 
     max_restarts: int = 3

@@ -100,8 +100,7 @@ EALData_t = EALDataInfo_t
 class EALResourceInfo_t:
     """The information of a resource (Source: thesis §4.4.2); it has the attributes of ResourceInfo too.
 
-    Attributes:
-        type: the types that it combines; a resource sets it in its constructor (Source: thesis table 4.4).
+    A resource sets `type`, the types that it combines, in its constructor (Source: thesis table 4.4).
     """
 
     name: str = ""

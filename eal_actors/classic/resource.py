@@ -64,12 +64,8 @@ class EALBaseResource(EALResource, Resource):
     """The base of a resource that is written as in the thesis.
 
     Override the thesis's methods that the hardware supports. A method that returns None for data has failed. An
-    actuator overrides `halt` too, which the thesis lacks.
-
-    Attributes:
-        info_: its `type` names the types of the resource; the constructor sets it.
-
-    Thread: every method runs in the resource's own actor; none may block long.
+    actuator overrides `halt` too, which the thesis lacks. The constructor sets `info_`, whose `type` names the types of
+    the resource. Thread: every method runs in the resource's own actor; none may block long.
     """
 
     info_: EALResourceInfo_t

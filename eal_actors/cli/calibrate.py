@@ -110,9 +110,8 @@ class ManualMeasurement(SquareMeasurement):
         with self._clock.outside():
             answer = sys.stdin.readline()
         if not answer:
-            raise ArgumentError(
-                f"no answer where {self._robot} ended: run the command on a terminal, or name a file with --ends"
-            )
+            advice = "run the command on a terminal, or name a file with --ends"
+            raise ArgumentError(f"no answer where {self._robot} ended: {advice}")
         return answer.strip()
 
 

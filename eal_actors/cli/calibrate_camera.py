@@ -123,11 +123,9 @@ def _views_of_folder(folder: Path, finder: BoardFinder, console: Console) -> lis
     views, left_out = [], []
     with work_progress(stderr(), "picture", len(files)) as on_done:
         for file in files:
-            image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
-            if image is None:
+            if (image := cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)) is None:
                 raise file_error(file, "is not a picture that OpenCV can read")
-            view = finder.find(np.asarray(image, np.uint8))
-            if view is not None:
+            if (view := finder.find(np.asarray(image, np.uint8))) is not None:
                 views.append(view)
             else:
                 left_out.append(file.name)
@@ -170,7 +168,6 @@ def _as_image(value: Any, robot: str, resource: str) -> Any:
 
     if isinstance(value, np.ndarray) and value.ndim == 3:
         return cv2.cvtColor(value, cv2.COLOR_RGB2GRAY)
-    image = cv2.imdecode(np.frombuffer(bytes(value), np.uint8), cv2.IMREAD_GRAYSCALE)
-    if image is None:
+    if (image := cv2.imdecode(np.frombuffer(bytes(value), np.uint8), cv2.IMREAD_GRAYSCALE)) is None:
         raise ArgumentError("its value is no picture").at(robot, resource)
     return image

@@ -92,9 +92,8 @@ def call_method(
     with Fleet(read_fleet(fleet, [robot])) as opened, plugin_advice(opened):
         answer = _get_answer(find_resource(opened, robot, resource), call, texts, timeout_s, opened.clock)
     if as_json:
-        write_json(
-            {"robot": robot, "resource": resource, "method": method, "arguments": texts, **_answer_as_json(answer)}
-        )
+        called = {"robot": robot, "resource": resource, "method": method, "arguments": texts}
+        write_json({**called, **_answer_as_json(answer)})
     else:
         text = format_answer(answer)
         typer.echo(printable(text) if sys.stdout.isatty() else text)

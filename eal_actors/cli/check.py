@@ -74,8 +74,7 @@ def check_files(
     device is connected. With one fleet, each scenario is also checked against it: its roles, resources, commands and
     values, on simulated robots. The exit code is 2 if there are problems.
     """
-    results = [result for file in files for result in _check_named(file)]
-    results = _check_against_fleet(results)
+    results = _check_against_fleet([result for file in files for result in _check_named(file)])
     problems = sorted({problem for result in results for problem in result.problems})
     if as_json:
         write_json({"files": [asdict(result) for result in results]})
@@ -162,6 +161,10 @@ def _check_scenario(name: str) -> FileCheck:
     return FileCheck(name, "scenario", summary)
 
 
+def _check_world(name: str) -> FileCheck:
+    return FileCheck(name, "world", f"world, {summarize_world(load_world(name))}")
+
+
 def _refuse_plugin(name: str) -> FileCheck:
     advice = f"a plugin: use `eal plugin check {Path(name).parent}`"
     return FileCheck(name, "plugin", problems=(Problem(name, 0, 0, "", advice),))
@@ -170,11 +173,7 @@ def _refuse_plugin(name: str) -> FileCheck:
 # Kind, the keys that only files of that kind have, and the check.
 _KINDS: Final[tuple[tuple[str, frozenset[str], Callable[[str], FileCheck]], ...]] = (
     ("scenario", frozenset({"steps", "roles"}), _check_scenario),
-    (
-        "world",
-        frozenset({"size_m"}),
-        lambda name: FileCheck(name, "world", f"world, {summarize_world(load_world(name))}"),
-    ),
+    ("world", frozenset({"size_m"}), _check_world),
     ("plugin", frozenset({"plugin_version", "resources"}), _refuse_plugin),
     ("fleet", frozenset({"robots", "types", "defaults", "plugin_dirs", "include"}), _check_fleet),
 )

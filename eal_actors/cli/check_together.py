@@ -19,9 +19,7 @@ from eal_actors.scenario.language.parameters import missing_parameters
 class TogetherCheck:
     """The result of checking a scenario against a fleet.
 
-    Attributes:
-        problems: what the fleet cannot do, each with its position in the scenario.
-        summary: that all was checked and fits; empty otherwise.
+    `problems` are what the fleet cannot do, each with its position in the scenario; `summary` is empty unless all fits.
     """
 
     problems: tuple[Problem, ...] = ()

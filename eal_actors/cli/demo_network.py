@@ -46,8 +46,7 @@ def demo_network(
     require_modules(local, local.robots)
     served = [name for name, robot in config.robots.items() if robot.address is not None]
     with _on_free_ports(config) as file, _serving(file, served):
-        fleet = file
-        run = ("run", scenario, "--fleet", fleet, "--runs-dir", runs_dir, "--show")
+        run = ("run", scenario, "--fleet", file, "--runs-dir", runs_dir, "--show")
         code = subprocess.run([*_PROGRAM, *map(str, run)], check=False).returncode  # noqa: S603  # our own program
     raise typer.Exit(code)
 

@@ -33,8 +33,7 @@ def discover_robots(
     """
     found = discover(timeout)
     if as_json:
-        robots = [entry._asdict() for entry in found.robots]
-        write_json({"robots": robots, "closed": list(found.closed)})
+        write_json({"robots": [entry._asdict() for entry in found.robots], "closed": list(found.closed)})
     else:
         if found.robots:
             table = new_table("fleet", "identity", "robot", "endpoint")

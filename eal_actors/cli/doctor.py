@@ -37,9 +37,8 @@ def examine(
     other processes. No robot moves. Exits with 1 if there is a problem; warnings do not count.
     """
     if robots and fleet is None:
-        raise typer.BadParameter(
-            f"{robots[0]}: without --fleet there are no robots to check", param_hint="'[ROBOT]...'"
-        )
+        why = f"{robots[0]}: without --fleet there are no robots to check"
+        raise typer.BadParameter(why, param_hint="'[ROBOT]...'")
     findings = [*diagnose_machine(), *(_of_fleet(fleet, robots or []) if fleet is not None else ())]
     problems = sum(finding.level is Severity.PROBLEM for finding in findings)
     if as_json:
@@ -54,10 +53,8 @@ def _of_fleet(fleet: Path, robots: list[str]) -> Iterator[Diagnostic]:
     try:
         config = read_fleet(fleet, robots)
     except ConfigError as error:
-        for problem in error.problems:
-            yield Diagnostic(
-                Severity.PROBLEM, "fleet file", str(problem), "Correct the file there, then check it with eal check."
-            )
+        advice = "Correct the file there, then check it with eal check."
+        yield from (Diagnostic(Severity.PROBLEM, "fleet file", str(problem), advice) for problem in error.problems)
         return
     yield from diagnose_fleet(config)
 

@@ -108,8 +108,7 @@ def _band(picture: Image, top: int) -> str:
     for place, colour in enumerate(pixels):
         row, column = divmod(place, width)
         lines.setdefault(colour, [0] * width)[column] |= 1 << row
-    drawn = (f"#{colour}{_packed(bits)}" for colour, bits in lines.items())
-    return "$".join(drawn) + "-"
+    return "$".join(f"#{colour}{_packed(bits)}" for colour, bits in lines.items()) + "-"
 
 
 def _packed(bits: list[int]) -> str:

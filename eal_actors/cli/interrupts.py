@@ -66,10 +66,8 @@ def _interrupt(number: int, _frame: FrameType | None) -> NoReturn:
 class RunInterrupts:
     """Signal handlers during a run, set for the length of a `with` block in the main thread.
 
-    Args:
-        run: the run to abort. The first signal halts the robots and lets `finally` run, the second skips `finally`,
-            a third raises KeyboardInterrupt in the block, and one more ends the process. After the block, the first
-            signal raises KeyboardInterrupt, unless there was one in the block.
+    The third signal raises KeyboardInterrupt in the block. After the block, the first one raises it, unless there was a
+    signal in the block.
     """
 
     def __init__(self, run: Run) -> None:

@@ -127,8 +127,7 @@ def robot_keys(
     for name in names:
         require_not_revoked(folder, name)
     for name in names:
-        made = make_certificate(folder, name, hosts[name], valid=lifetime, force=force)
-        print_made(made)
+        print_made(make_certificate(folder, name, hosts[name], valid=lifetime, force=force))
         advise_to_copy(folder, name)
 
 
@@ -174,9 +173,8 @@ def router_keys(
     require_not_revoked(folder, name)
     hosts = [*(parse_endpoint(endpoint).host for endpoint in config.network.routers), *(host or [])]
     if not hosts:
-        raise typer.BadParameter(
-            "network.routers of the fleet file is empty: name the router's host", param_hint="--host"
-        )
+        why = "network.routers of the fleet file is empty: name the router's host"
+        raise typer.BadParameter(why, param_hint="--host")
     print_made(make_certificate(folder, name, hosts, valid=parse_lifetime(valid) or VALID, force=force))
     advise_to_copy(folder, name)
     if config.network.security is None or name not in config.network.security.routers:
@@ -211,9 +209,8 @@ def show_keys(fleet: FleetOption, directory: DirOption = None, as_json: JsonOpti
         is_soon = expires_soon(datetime.fromisoformat(entry["begins"]), ends, now)
         expires = Text(f"{ends:%Y-%m-%d}, {'revoked' if entry['revoked'] else time_left(ends, now)}")
         expires.style = "red" if ends < now or entry["revoked"] else "yellow" if is_soon else ""
-        table.add_row(
-            Text(entry["name"], style="cyan"), "\n".join(entry["hosts"]), entry["may"], expires, entry["file"]
-        )
+        name, hosts = Text(entry["name"], style="cyan"), "\n".join(entry["hosts"])
+        table.add_row(name, hosts, entry["may"], expires, entry["file"])
     stdout().print(table)
 
 
@@ -250,18 +247,15 @@ def _append_section(fleet: Path, section: str) -> str:
             trial.write_text(new, encoding="utf-8")
         load_fleet(trial, os.environ)
     except ConfigError as error:
-        problems = [
-            replace(problem, file=str(fleet)) if problem.file == str(trial) else problem for problem in error.problems
-        ]
-        raise ConfigError(problems) from None
+        names = {str(trial): str(fleet)}
+        raise ConfigError([replace(one, file=names.get(one.file, one.file)) for one in error.problems]) from None
     finally:
         trial.unlink(missing_ok=True)
     return new
 
 
 def _robot_hosts(fleet: FleetConfig, name: str) -> Sequence[str]:
-    robot = fleet.robots.get(name)
-    if robot is None:
+    if (robot := fleet.robots.get(name)) is None:
         raise RobotNotFoundError(f"the fleet has no robot '{name}'{did_you_mean(name, fleet.robots)}")
     if robot.address is None:
         why = f"{name} has no address: it runs in the controller's process and needs no keys"
@@ -294,8 +288,7 @@ def _rights(fleet: FleetConfig, name: str) -> str:
 def print_made(certificate: Certificate) -> None:
     """Print what was made."""
     hosts = f" for {', '.join(certificate.hosts)}" if certificate.hosts else ""
-    text = f"{short_path(certificate.file)}: made{hosts}, valid until {certificate.expires:%Y-%m-%d}"
-    print_line(stderr(), text)
+    print_line(stderr(), f"{short_path(certificate.file)}: made{hosts}, valid until {certificate.expires:%Y-%m-%d}")
 
 
 def advise_to_copy(folder: Path, name: str) -> None:

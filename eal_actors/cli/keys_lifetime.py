@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -79,8 +79,7 @@ def revoke_keys(
     _require_known(names or [], {made.name for made in list_certificates(folder)} | set(config.robots) - {AUTHORITY})
     with TemporaryDirectory(prefix="eal-keys-") as place:
         make_pass(folder, Path(place), keys.AUTHORITY_CALLER)  # fails before anything is stored
-        revoked = sorted(revoke(folder, names or ()))
-        if not revoked:
+        if not (revoked := sorted(revoke(folder, names or ()))):
             print_line(stderr(), "No certificate is revoked.")
             return
         print_line(stdout(), f"revoked: {', '.join(revoked)}")
@@ -103,8 +102,7 @@ def _send(config: FleetConfig, place: Path, names: tuple[str, ...]) -> dict[str,
     errors: dict[str, EALError | None] = {}
     if security is None or not robots:
         return errors
-    as_authority = replace(security, keys=place, controller=keys.AUTHORITY_CALLER)
-    network = replace(config.network, security=as_authority)
+    network = replace(config.network, security=replace(security, keys=place, controller=keys.AUTHORITY_CALLER))
     try:
         ask_robots(replace(config, network=network), robots, keys.REVOKE, names, on_result=errors.__setitem__)
     except EALError as error:  # no router answers
@@ -112,9 +110,7 @@ def _send(config: FleetConfig, place: Path, names: tuple[str, ...]) -> dict[str,
     return {robot: error for robot, error in errors.items() if robot not in names}
 
 
-def _require_known(names: list[str], known: Iterable[str]) -> None:
-    known = set(known)
+def _require_known(names: list[str], known: Collection[str]) -> None:
     for name in names:
         if name not in known:
-            why = f"there is no certificate '{name}'{did_you_mean(name, known)}"
-            raise typer.BadParameter(why, param_hint="NAME")
+            raise typer.BadParameter(f"there is no certificate '{name}'{did_you_mean(name, known)}", param_hint="NAME")

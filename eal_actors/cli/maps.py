@@ -165,14 +165,8 @@ def _save(source: _Source, inflated: OccupancyGrid, path: PlannedPath | None, fi
         size = f"{columns * source.grid.resolution_m:g} x {rows * source.grid.resolution_m:g} m"
         title = f"{source.name}: {size}, cells of {source.grid.resolution_m:g} m"
         places = {name: (place.x_m, place.y_m) for name, place in source.world.places.items()} if source.world else {}
-        drawn = draw_map(
-            inflated,
-            file,
-            title=title,
-            path=path.points_m if path else (),
-            places=places,
-            world=source.world if source.is_drawn else None,
-        )
+        world, points = source.world if source.is_drawn else None, path.points_m if path else ()
+        drawn = draw_map(inflated, file, title=title, path=points, places=places, world=world)
     if drawn is None:
         raise typer.Exit(ExitCode.FAILED)
     print_line(stdout(), str(drawn))

@@ -96,15 +96,8 @@ def new_fleet(
     twin = twins[kind]
     settings = yaml.safe_dump(twin.settings, default_flow_style=True, width=1000).strip()
     line = f"{kind}-1: {{type: {kind}}}" if number == 1 else f'"{kind}-{{n}}": {{type: {kind}, count: {number}}}'
-    text = _FLEET.format(
-        file=file.name,
-        name=_name_of(file),
-        identity=new_identity(),
-        type=kind,
-        plugin=twin.plugin,
-        settings=settings,
-        robot=line,
-    )
+    facts = {"type": kind, "plugin": twin.plugin, "settings": settings, "robot": line, "identity": new_identity()}
+    text = _FLEET.format(file=file.name, name=_name_of(file), **facts)
     _write(file, "fleet", text, f"eal run dance --fleet {file}", f"eal dashboard --fleet {file}")
 
 
@@ -128,8 +121,7 @@ def new_scenario(
     if together is None:
         together = _ask("Does each move begin at the same time on all robots? (y/n)", "y").lower().startswith("y")
     step = _TOGETHER if together else ""
-    listed = "[" + ", ".join(chosen) + "]"
-    text = _SCENARIO.format(file=file.name, name=_name_of(file), moves=listed, together=step)
+    text = _SCENARIO.format(file=file.name, name=_name_of(file), moves=f"[{', '.join(chosen)}]", together=step)
     _write(file, "scenario", text, f"eal run {file} --fleet sim")
 
 
@@ -148,16 +140,14 @@ def new_world(
     found = _SIZE.fullmatch(answer.strip())
     sides = [float(side) for side in found.groups()] if found is not None else []
     if not sides or not all(least_m <= side <= most_m for side in sides):
-        raise typer.BadParameter(
-            f"must be such as 6x4, from {least_m:g} to {most_m:g} m, not {answer!r}", param_hint="'--size'"
-        )
+        why = f"must be such as 6x4, from {least_m:g} to {most_m:g} m, not {answer!r}"
+        raise typer.BadParameter(why, param_hint="'--size'")
     width_m, depth_m = sides
     number = obstacles if obstacles is not None else _ask_number("How many obstacles", 3, (0, 50))
     spots = _spots(width_m, depth_m)
     if number > len(spots):
-        raise typer.BadParameter(
-            f"a room of {width_m:g} x {depth_m:g} m has space for {len(spots)}", param_hint="'--obstacles'"
-        )
+        why = f"a room of {width_m:g} x {depth_m:g} m has space for {len(spots)}"
+        raise typer.BadParameter(why, param_hint="'--obstacles'")
     lines = [f"  - {{kind: circle, x_m: {x_m:g}, y_m: {y_m:g}, radius_m: 0.15}}\n" for x_m, y_m in spots[:number]]
     listed = "obstacles:\n" + "".join(lines) if lines else ""
     text = _WORLD.format(file=file.name, name=_name_of(file), width_m=width_m, depth_m=depth_m, obstacles=listed)
@@ -191,9 +181,8 @@ def _ask_number(question: str, default: int, limits: tuple[int, int]) -> int:
 
 def _name_of(file: Path) -> str:
     if re.fullmatch(NAME_PATTERN, file.stem) is None:
-        raise file_error(
-            file, "its name is the name inside: it must be a letter, then letters, digits, '_', '.' or '-'"
-        )
+        why = "its name is the name inside: it must be a letter, then letters, digits, '_', '.' or '-'"
+        raise file_error(file, why)
     return file.stem
 
 

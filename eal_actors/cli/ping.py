@@ -25,9 +25,7 @@ from eal_actors.kernel.errors import EALError
 class _PingResults:
     """The ping results of one robot.
 
-    Attributes:
-        address: None for a robot that runs in its controller's process.
-        error: why the last ping had no answer; None if it had one.
+    `address` is None for a robot that runs in its controller's process; `error` is why the last ping had no answer.
     """
 
     name: str
@@ -60,8 +58,7 @@ def ping_robots(
     """
     config = read_fleet(fleet, robots or ())
     results = [_PingResults(robot.name, robot.address) for robot in config.robots.values()]
-    remote = [entry for entry in results if entry.address is not None]
-    if remote:
+    if remote := [entry for entry in results if entry.address is not None]:
         with Fleet(config).connect([entry.name for entry in remote]) as opened:
             for _ in range(count):
                 _ping_once(opened, remote)
@@ -148,8 +145,7 @@ def _styled_state(entry: _PingResults) -> Text:
 
 
 def _figures(entry: _PingResults) -> tuple[str, str, str, str]:
-    last = entry.last
-    if last is None:
+    if (last := entry.last) is None:
         return "", "", "", ""
     trips = [ping.round_trip_s for ping in entry.pings]
     return (

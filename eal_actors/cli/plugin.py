@@ -162,9 +162,5 @@ def _print_result(result: CheckResult) -> None:
 
 
 def _check_as_json(result: CheckResult) -> dict[str, Any]:
-    return {
-        "check": result.check.name,
-        "description": result.check.description,
-        "outcome": result.outcome,
-        "problems": list(result.problems),
-    }
+    about = {"check": result.check.name, "description": result.check.description}
+    return {**about, "outcome": result.outcome, "problems": list(result.problems)}

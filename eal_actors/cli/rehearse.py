@@ -53,8 +53,7 @@ def rehearse_scenario(
     if seeds is not None and seed:
         raise typer.BadParameter("give either --seed or --seeds", param_hint="'--seeds' / '--seed'")
     request = read_request(RunOptions(scenario, fleet, settings or (), bindings or ()))
-    bound = bound_robots(request.scenario, request.config, request.binding)
-    twins = simulated(request.config, bound, keep or ())
+    twins = simulated(request.config, bound_robots(request.scenario, request.config, request.binding), keep or ())
     first = request.config.seed
     chosen = list(dict.fromkeys(seed)) if seed else list(range(first, first + (seeds or _SEEDS)))
     console = stderr() if as_json else stdout()
@@ -203,25 +202,14 @@ def _incident_as_json(scenario: Scenario, incident: Incident) -> dict[str, Any]:
 
 
 def _steps_as_json(scenario: Scenario, steps: Sequence[StepRecord]) -> list[dict[str, Any]]:
-    places = [(step, scenario.position_of(step.step)) for step in steps]
-    return [
-        {
-            "robot": step.robot,
-            "step": step.step,
-            "label": step.label,
-            "file": mark.file,
-            "line": mark.line,
-            "column": mark.column,
-        }
-        for step, mark in places
-    ]
+    found = []
+    for step in steps:
+        mark = scenario.position_of(step.step)
+        place = {"file": mark.file, "line": mark.line, "column": mark.column}
+        found.append({"robot": step.robot, "step": step.step, "label": step.label, **place})
+    return found
 
 
 def _closest_as_json(nearest: ClosestApproach) -> dict[str, Any]:
-    return {
-        "other": nearest.other,
-        "gap_m": nearest.gap_m,
-        "time_s": nearest.time_s,
-        "x_m": nearest.place_m[0],
-        "y_m": nearest.place_m[1],
-    }
+    x_m, y_m = nearest.place_m
+    return {"other": nearest.other, "gap_m": nearest.gap_m, "time_s": nearest.time_s, "x_m": x_m, "y_m": y_m}

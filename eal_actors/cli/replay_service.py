@@ -47,15 +47,9 @@ class _Playback:
         """Show the position, the rate and the rest until the end; a loop has none."""
         waiter = new_waiter()
         rate = f"at rate {self._clock.of_real(1.0):g}"
-        columns = (BarColumn(), TextColumn("{task.fields[position]}"), TextColumn(rate), TextColumn("left:"))
-        with Progress(
-            TextColumn("replay"),
-            *columns,
-            TimeRemainingColumn(),
-            console=console,
-            transient=True,
-            disable=not console.is_terminal,
-        ) as bar:
+        texts = (TextColumn("{task.fields[position]}"), TextColumn(rate), TextColumn("left:"))
+        columns = (TextColumn("replay"), BarColumn(), *texts, TimeRemainingColumn())
+        with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
             task = bar.add_task("", total=self._duration_s, position="")
             while (gone_s := self._gone_s()) < self._duration_s or (self._loops and self._duration_s):
                 time_s, rounds = gone_s % self._duration_s if self._loops else gone_s, int(gone_s // self._duration_s)

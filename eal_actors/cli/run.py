@@ -215,18 +215,8 @@ def _execute(
             keep_provenance(kept, request.config, plan.scenario)
             recorder = RunRecorder(opened, [name for name in plan.robots if name not in plan.lost], directory, extent)
         watcher = ahead.watcher(opened, plan) if ahead is not None else None
-        run = Run(
-            plan,
-            opened,
-            directory,
-            [
-                progress.on_event,
-                recorder.hear,
-                *(part.hear for part in (live, watcher) if part is not None),
-                *listeners,
-            ],
-            resumption,
-        )
+        heard = [progress.on_event, recorder.hear, *(part.hear for part in (live, watcher) if part is not None)]
+        run = Run(plan, opened, directory, [*heard, *listeners], resumption)
         with ExitStack() as stack:
             stack.enter_context(progress)
             stack.enter_context(recorder)

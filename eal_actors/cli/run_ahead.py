@@ -30,9 +30,8 @@ class Ahead:
         """Return the look-ahead of a run."""
         from eal_actors.lab.lookahead.watching import Lookahead
 
-        return Lookahead(
-            fleet, tuple(name for name in plan.robots if name not in plan.lost), self.scripts, self.options
-        )
+        robots = tuple(name for name in plan.robots if name not in plan.lost)
+        return Lookahead(fleet, robots, self.scripts, self.options)
 
 
 def rehearse_ahead(request: RunRequest, horizon_s: float | None, *, holds: bool) -> Ahead | None:
@@ -47,9 +46,8 @@ def rehearse_ahead(request: RunRequest, horizon_s: float | None, *, holds: bool)
             raise typer.BadParameter("needs --lookahead", param_hint="'--lookahead-hold'")
         return None
     if request.resumption is not None:
-        raise typer.BadParameter(
-            "not with --resume: the rehearsal begins at the first step", param_hint="'--lookahead'"
-        )
+        why = "not with --resume: the rehearsal begins at the first step"
+        raise typer.BadParameter(why, param_hint="'--lookahead'")
     from eal_actors.lab.lookahead.script import rehearse_scripts
     from eal_actors.lab.lookahead.watching import LookaheadOptions
 

@@ -71,9 +71,8 @@ ShowOption: TypeAlias = Annotated[
 class RunRequest:
     """A scenario to run on a fleet.
 
-    Attributes:
-        binding: robots by role, as the user bound them; None if the scenario binds them.
-        resumption: the point at which an interrupted run continues.
+    `binding` has the robots by role, as the user bound them; None if the scenario binds them. `resumption` is the point
+    at which an interrupted run continues.
     """
 
     scenario: Scenario

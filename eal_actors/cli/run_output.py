@@ -146,8 +146,7 @@ def _calls(report: Report) -> Counter[str | None]:
     left_s = {step.robot: step.end_s for step in report.steps if step.robot is not None and step.outcome in _LEAVES}
     for step in report.steps:
         if step.role is not None and step.kind in kinds() and kinds()[step.kind].moves_its_role:
-            names = report.roles[step.role]
-            calls.update(name for name in names if left_s.get(name, math.inf) > step.start_s)
+            calls.update(name for name in report.roles[step.role] if left_s.get(name, math.inf) > step.start_s)
     return calls
 
 

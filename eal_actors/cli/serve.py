@@ -48,8 +48,7 @@ def serve_robot(
     config = _with_identity(read_fleet(fleet, names), out)
     with traces_to(trace, f"eal serve {' '.join(names)}", out), _served(config, names) as services:
         service = services[0]
-        options = context.find_object(GlobalOptions) or GlobalOptions()
-        reload_at_hangup(partial(_reload, service, out, options))
+        reload_at_hangup(partial(_reload, service, out, context.find_object(GlobalOptions) or GlobalOptions()))
         try:
             for one in services:
                 print_line(out, Text.assemble((one.robot.name, "bold"), f" serves {', '.join(one.robot)}"))
@@ -76,10 +75,8 @@ def _with_identity(config: FleetConfig, out: Console) -> FleetConfig:
         text = f"other machines reach {' and '.join(config.robots)}: set `identity` here, or ${IDENTITY_VARIABLE}"
         raise ConfigError([*error.problems, Problem(str(config.source), 0, 0, "network", text)]) from error
     written = read_fleet(config.source, list(config.robots))
-    text = (
-        f"wrote identity {written.network.identity} into {config.source}: copy the file to the fleet's other machines"
-    )
-    print_line(out, text)
+    where = f"{written.network.identity} into {config.source}"
+    print_line(out, f"wrote identity {where}: copy the file to the fleet's other machines")
     return written
 
 

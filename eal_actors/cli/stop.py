@@ -51,8 +51,7 @@ def _send_to_all(config: FleetConfig, method: str, arguments: tuple[str, ...], d
             result = (done, "green") if error is None else (f"not {done}: {error.message}", "bold red")
             print_line(out, Text.assemble((robot, "cyan"), "  ", result))
 
-    remote = [name for name, robot in config.robots.items() if robot.address is not None]
-    if remote:
+    if remote := [name for name, robot in config.robots.items() if robot.address is not None]:
         ask_robots(config, remote, method, arguments, on_result=record)
     for name, robot in config.robots.items():
         if robot.address is None:

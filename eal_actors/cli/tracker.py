@@ -90,8 +90,7 @@ def board_size(squares: str, square_mm: float) -> BoardSize:
     """Return the board of the options `--squares` and `--square`."""
     from eal_actors.lab.markers.prints import BoardSize
 
-    match = re.fullmatch(r"(\d{1,2})x(\d{1,2})", squares)
-    if match is None:
+    if (match := re.fullmatch(r"(\d{1,2})x(\d{1,2})", squares)) is None:
         raise typer.BadParameter(f"{squares!r}: use two numbers, such as 7x5", param_hint="'--squares'")
     with bad_option("--squares"):
         return BoardSize(int(match[1]), int(match[2]), square_mm / 1000)

@@ -121,16 +121,8 @@ class MobileBaseSettings(PluginSettingsModel):
 
     def drivetrain(self, name: str, track_m: float, acceleration_m_s2: float = 0.4) -> Drivetrain:
         """Return the drivetrain; `name` is for messages, and the acceleration is that of each wheel."""
-        return Drivetrain(
-            name,
-            track_m,
-            self.speed_m_s,
-            self.max_speed_m_s,
-            self.turn_rate_deg_s,
-            self.max_turn_rate_deg_s,
-            acceleration_m_s2,
-            self.radius_m,
-        )
+        own = self.model_dump(include=set(MobileBaseSettings.model_fields))
+        return Drivetrain(name=name, track_m=track_m, acceleration_m_s2=acceleration_m_s2, **own)
 
 
 class DifferentialBase(MapMotions):

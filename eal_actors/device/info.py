@@ -63,8 +63,7 @@ class ValueInfo:
     Attributes:
         type: the data type; FLOAT and DOUBLE accept an integer too.
         unit: the unit's symbol, such as `m`, `deg` or `rad/s`; None for a bare number or text.
-        minimum: the least valid value, in the unit; None for no limit.
-        maximum: the greatest valid value, in the unit; None for no limit.
+        minimum, maximum: the least and the greatest valid value, in the unit; None for no limit.
         choices: the valid values, if they are few; empty for no such limit.
         shape: the array's shape, with None for any size; () for a single value. A list fills rows.
     """
@@ -102,8 +101,7 @@ class ValueInfo:
         return f"must be {self.describe()}, not {value:g}" if below or above or value != value else None  # NaN differs
 
     def _shape_problem(self, data: EALData) -> str | None:
-        shape = data.shape
-        if shape is None:
+        if (shape := data.shape) is None:
             shape = (len(value),) if isinstance(value := data.value, list | tuple) else ()
             match self.shape:  # a C array has no rows
                 case (None, int() as row) if shape and shape[0] % row == 0:
@@ -118,14 +116,8 @@ class ValueInfo:
     def describe(self) -> str:
         """Return the type, range and unit as text, such as `double 0..360 deg`."""
         shape = "(" + ", ".join("n" if size is None else str(size) for size in self.shape) + ")" if self.shape else ""
-        words = (
-            self.type.name.lower(),
-            shape,
-            range_text(self.minimum, self.maximum),
-            "|".join(map(str, self.choices)),
-            self.unit,
-        )
-        return " ".join(word for word in words if word)
+        limits, choices = range_text(self.minimum, self.maximum), "|".join(map(str, self.choices))
+        return " ".join(filter(None, (self.type.name.lower(), shape, limits, choices, self.unit)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,11 +156,7 @@ class CommandInfo:
 
 @dataclass(frozen=True, slots=True)
 class ConfigInfo:
-    """One configuration key.
-
-    Attributes:
-        writable: whether set_config accepts it.
-    """
+    """One configuration key. `writable` is whether set_config accepts it."""
 
     name: str
     value: ValueInfo
@@ -234,8 +222,7 @@ class ResourceInfo:
     def parse_command(self, text: str, data: EALData | None) -> tuple[CommandInfo, EALData | None]:
         """Return the command of a text such as `s` or `r45`, and its checked argument, None if it takes none.
 
-        Raises:
-            ArgumentError: no such command, or an argument missing, unwanted, of the wrong type or out of range.
+        Raises ArgumentError: no such command, or an argument missing, unwanted, of the wrong type or out of range.
         """
         return _parse("command", self.commands, text, data)
 
@@ -314,8 +301,7 @@ def _parse(
         prefix = info.prefix
         if prefix is None or not text.startswith(prefix) or info.argument is None:
             continue
-        argument = _parse_number(text[len(prefix) :], info.argument)
-        if argument is not None:
+        if (argument := _parse_number(text[len(prefix) :], info.argument)) is not None:
             info.argument.check(argument, f"{kind} {text!r}: its argument")
             if data is not None:
                 raise ArgumentError(
@@ -341,14 +327,8 @@ def _parse_number(text: str, info: ValueInfo) -> EALData | None:
 def _value_info(fields: Mapping[str, Any] | None) -> ValueInfo | None:
     if fields is None:
         return None
-    return ValueInfo(
-        **{
-            **fields,
-            "type": DataType[fields["type"]],
-            "choices": tuple(fields["choices"]),
-            "shape": tuple(fields["shape"]),
-        }
-    )
+    choices, shape = tuple(fields["choices"]), tuple(fields["shape"])
+    return ValueInfo(**{**fields, "type": DataType[fields["type"]], "choices": choices, "shape": shape})
 
 
 def _command_info(fields: Mapping[str, Any]) -> CommandInfo:

@@ -179,12 +179,8 @@ class PluginContext:
         """Open a camera of a simulated world.
 
         `url` is `<plugin>://world/<camera>`, where the plugin is the one that simulates, such as `sim://world/ceiling`.
-
-        Returns:
-            An object with `frame() -> (picture, stamp_s)`: blue, green and red, shape (height, width, 3), and the time
-            of its exposure. Thread: any.
-
-        Raises PluginError if there is no such plugin or camera.
+        The camera's `frame() -> (picture, stamp_s)` returns blue, green and red, shape (height, width, 3), and the time
+        of its exposure, in any thread. Raises PluginError if there is no such plugin or camera.
         """
         if self.services.open_camera is None:
             raise PluginError(f"camera {url!r}: there are no simulated cameras here")

@@ -60,11 +60,9 @@ class ReopeningDevice(Generic[_D]):
         clock: the fleet's clock, whose time may advance while a port is opened.
         name: its name in messages, such as `/dev/ttyUSB0`.
 
-    Attributes:
-        openings: how often it has been opened. When it changes, the device may be another one, or have been switched
-            off and on: initialise it again.
-
-    Thread: any. Uses never interleave. Only a use blocks, at most as long as the device itself does.
+    `openings` counts how often it has been opened. When it changes, the device may be another one, or have been
+    switched off and on: initialise it again. Thread: any. Uses never interleave. Only a use blocks, at most as long as
+    the device itself does.
     """
 
     def __init__(self, open_port: Callable[[], _D], clock: Clock, name: str) -> None:
@@ -125,8 +123,7 @@ class ReopeningDevice(Generic[_D]):
         Raises NotReadyError if it is not open, or it broke and is being reopened.
         """
         with self._lock:
-            port = self._port
-            if port is None:
+            if (port := self._port) is None:
                 raise NotReadyError(self.why_not_ready() or self._reason)
             try:
                 return action(port)

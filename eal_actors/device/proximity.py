@@ -29,9 +29,7 @@ class ProximityObserver:
 class Contact(NamedTuple):
     """A contact that begins.
 
-    Attributes:
-        time_s: seconds of the fleet's clock.
-        other: the other robot's name, or what the robot touches.
+    `time_s` is in seconds of the fleet's clock; `other` is the other robot's name, or what the robot touches.
     """
 
     time_s: float

@@ -86,11 +86,8 @@ def setting(value: ValueInfo, description: str) -> Any:
 
         speed_m_s: float = setting(ValueInfo(DataType.DOUBLE, "m/s", 0, 0.5), "Speed of moving.")
 
-    The resource gives it its first value in `__init__`. For a key with effects of its own, see `config`.
-
-    Args:
-        value: its type, unit and range.
-        description: one line for people.
+    The resource gives it its first value in `__init__`. For a key with effects of its own, see `config`. `value` is its
+    type, unit and range; `description` is one line for people.
     """
     return _Setting(value, description)
 

@@ -98,14 +98,9 @@ class TcpPort:
 class UdpPort:
     """A UDP socket as a BytePort: a read or a write is one datagram. It never blocks.
 
-    An absent peer is no error, because datagrams may be lost.
-
-    Args:
-        host: name or address of the peer; datagrams from others are ignored.
-        local_port: the local port; 0 for any.
-
-    Raises OSError if the host is unknown or unreachable, or the local port is in use. Thread: the constructor blocks
-    while the name is looked up.
+    An absent peer is no error, because datagrams may be lost. Datagrams from others than the `host` are ignored; a
+    `local_port` of 0 takes any. Raises OSError if the host is unknown or unreachable, or the local port is in use.
+    Thread: the constructor blocks while the name is looked up.
     """
 
     def __init__(self, host: str, port: int, local_port: int = 0) -> None:

@@ -80,8 +80,7 @@ def _select_robot(fleet: Fleet, host: str | None, port: int) -> RobotHandle:
         if len(fleet) != 1:
             raise RobotNotFoundError(f"fleet {fleet.name!r} has {len(fleet)} robots; name one of {', '.join(fleet)}")
         host = next(iter(fleet))
-    name = find_robot(fleet.config, host, port)
-    if name is None:
+    if (name := find_robot(fleet.config, host, port)) is None:
         raise unknown_robot(fleet.config, host, port)
     robot = fleet[name]
     robot.require_started()

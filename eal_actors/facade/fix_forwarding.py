@@ -123,13 +123,11 @@ class _TrackerThread:
 
     def _is_free(self, marker: int, robot: RobotHandle) -> bool:
         """Return whether a robot has taken its last fix."""
-        sent = self._sent.get(marker)
-        if sent is None:
+        if (sent := self._sent.get(marker)) is None:
             return True
         if not sent.done():
             return False
-        error = sent.exception()
-        if error is None:
+        if (error := sent.exception()) is None:
             self._trouble.pop(robot.name, None)
         else:
             self._note(robot.name, "a robot gets no fixes", str(error))

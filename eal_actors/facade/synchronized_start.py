@@ -26,9 +26,8 @@ _PINGS: Final = 5
 class CommandBegin:
     """The begin of one command.
 
-    Attributes:
-        began_s: the time of this process's fleet clock; None if the command did not begin, or its begin is unknown.
-        error_s: the maximum error of `began_s` in seconds; 0 for a robot of this process.
+    `began_s` is the time of this process's fleet clock; None if the command did not begin, or its begin is unknown.
+    `error_s` is the maximum error of `began_s` in seconds; 0 for a robot of this process.
     """
 
     robot: str
@@ -60,9 +59,7 @@ class StartRecord:
 class SynchronizedCommands:
     """Commands with a common start.
 
-    Attributes:
-        start_s: the planned time of the fleet's clock.
-        record: the begins; done when the last command has succeeded or failed.
+    `start_s` is the planned time of the fleet's clock. `record` is done when the last command has succeeded or failed.
     """
 
     start_s: float

@@ -308,10 +308,7 @@ R = TypeVar("R", bound=Timer)
 class TimerHeap(Generic[R]):
     """Timers in the order of their times. Cancelled ones are removed now and then.
 
-    Attributes:
-        heap: the timers with their times and orders, cancelled ones among them.
-
-    Thread: its owner locks it.
+    `heap` has the timers with their times and orders, cancelled ones among them. Thread: its owner locks it.
     """
 
     def __init__(self) -> None:

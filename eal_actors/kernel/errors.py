@@ -76,8 +76,7 @@ class Problem:
 
     Attributes:
         file: the file's name as the user wrote it.
-        line: 1-based line, 0 for the whole file.
-        column: 1-based column, 0 for the whole file.
+        line, column: counted from 1; 0 for the whole file.
         path: dotted path of the key, such as `robots.evbot1.timeout_s`; empty for the whole file.
         message: the error, and the valid alternatives.
     """
@@ -94,11 +93,7 @@ class Problem:
 
 
 class ConfigError(EALError, ValueError, code="config"):
-    """A fleet, scenario, world or plugin file is invalid; all its problems at once.
-
-    Attributes:
-        problems: the problems, in the order of the file.
-    """
+    """A fleet, scenario, world or plugin file is invalid; all its `problems` at once, in the order of the file."""
 
     def __init__(self, problems: Iterable[Problem]) -> None:
         self.problems = tuple(sorted(problems))

@@ -159,8 +159,7 @@ class LockStepClock(Clock):
     @override
     def wake(self, waiter: threading.Lock) -> None:
         with self._lock:
-            wait = self._waits.pop(waiter, None)
-            if wait is None:
+            if (wait := self._waits.pop(waiter, None)) is None:
                 release(waiter)
                 return
             wait.was_released = True

@@ -164,10 +164,7 @@ def problems_from(error: ValidationError, tree: YamlTree, model: object) -> list
     """Convert pydantic's errors into problems with a place in the file.
 
     `tree` is the validated part of a file, `model` what it was validated against: a model, or the annotation given to a
-    TypeAdapter.
-
-    Returns:
-        One problem for each place; if a value may have several forms, it names them all.
+    TypeAdapter. Each place has one problem; if a value may have several forms, it names them all.
     """
     found: dict[tuple[YamlPath, bool], list[str]] = {}
     for detail in error.errors(include_url=False):

@@ -242,8 +242,7 @@ class _ValueBuilder:
     def _mapping(self, node: yaml.Node, path: YamlPath) -> MarkedDict:
         mapping = MarkedDict(self._mark(node))
         for key_node, child in node.value:
-            key = self._key(key_node, path)
-            if key is None:
+            if (key := self._key(key_node, path)) is None:
                 continue
             if key in mapping:
                 first = mapping.key_marks[key]

@@ -127,8 +127,7 @@ def parse_path(text: str) -> YamlPath:
 class YamlTree:
     """A mapping read from YAML: a whole file or a part of one.
 
-    Attributes:
-        prefix: path of `root` in its file; paths in problems start with it.
+    `prefix` is the path of `root` in its file; paths in problems start with it.
     """
 
     root: MarkedDict

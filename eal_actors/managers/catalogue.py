@@ -22,8 +22,7 @@ def catalogue_schema(manager: EALPluginManager) -> dict[str, Any]:
     definitions = schema["$defs"]
     found: dict[str, dict[str, Any]] = {}
     for name, manifest in manager.manifests.items():
-        settings = _settings_schema(name, manifest)
-        if settings is None:
+        if (settings := _settings_schema(name, manifest)) is None:
             continue
         definitions.update({f"{name}.{key}": value for key, value in settings.pop("$defs", {}).items()})
         definitions[f"settings.{name}"] = settings

@@ -70,11 +70,9 @@ class EALConfigManager:
     ) -> tuple[RobotConfig, ...]:
         """Return the robots that match, in the order of the fleet.
 
-        Returns:
-            The robots that match everything that is given; all of them if nothing is. A type matches those that build
-            on it too. May be empty if each of the names, tags and types exists, but not together.
-
-        Raises RobotNotFoundError if no robot of the fleet has one of the names, tags or types.
+        Without arguments all robots match. A type matches those that build on it too. The list may be empty if each of
+        the names, tags and types exists, but not together. Raises RobotNotFoundError if no robot of the fleet has one
+        of the names, tags or types.
         """
         chosen = list(self.fleet.robots.values())
         if names is not None:
@@ -111,11 +109,8 @@ def collect_problems(problems: list[Problem], read: Callable[[], T]) -> T | None
 def world_of(content: WorldModel | Mapping[str, object], *, name: str = "world") -> WorldModel:
     """Read a world from memory, with the checks of a file.
 
-    Args:
-        content: the content of a world file, or a model made in Python, which is checked as a whole.
-        name: its name in problems.
-
-    Raises ConfigError with every problem of the content.
+    `content` is that of a world file, or a model made in Python, which is checked as a whole. `name` is its name in
+    problems. Raises ConfigError with every problem of the content.
     """
     tree = tree_of({} if isinstance(content, WorldModel) else content, name)
     world = content if isinstance(content, WorldModel) else model_of(WorldModel, tree)

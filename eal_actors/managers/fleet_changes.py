@@ -13,9 +13,8 @@ from eal_actors.managers.fleet_model import FleetConfig, RobotConfig
 class FleetChanges:
     """The names of the robots that a reload changes, in the order of the file.
 
-    Attributes:
-        restarted: the others whose connection has changed: address, plugins, settings, mailbox, deadline, restarts.
-        relabelled: the others whose tags or types have changed.
+    `restarted` are the others whose connection has changed: address, plugins, settings, mailbox, deadline, restarts.
+    `relabelled` are the others whose tags or types have changed.
     """
 
     added: tuple[str, ...] = ()

@@ -194,10 +194,8 @@ class FleetFile(StrictModel):
 class PluginSettings:
     """The settings of one plugin instance, which the plugin's own model has yet to check.
 
-    Attributes:
-        instance: name of the instance, unique in its robot.
-        tree: the settings with their places in the file; errors about no setting in particular point to where
-            the plugin is named.
+    `instance` is unique in its robot. `tree` has the settings with their places in the file; errors about no setting in
+    particular point to where the plugin is named.
     """
 
     instance: str
@@ -218,9 +216,8 @@ class PluginSettings:
 class RobotConfig:
     """A robot, merged with its types and the defaults; its other fields are those of RobotSection.
 
-    Attributes:
-        types: its type, the type that builds on, and so on.
-        plugins: by name of the instance; may be empty for a robot with an address, whose server has them.
+    `types` are its type, the type that builds on, and so on. `plugins`, by name of the instance, may be empty for a
+    robot with an address, whose server has them.
     """
 
     name: str

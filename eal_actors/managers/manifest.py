@@ -211,8 +211,7 @@ class PluginManifest:
         if (emulator := self.file.emulator) is not None and not (self.folder / f"{emulator.module}.py").is_file():
             found.append(f"emulator: there is no {emulator.module}.py in {self.folder}")
         if (twin := self.file.twin) is not None:
-            other = self.others.get(twin.plugin)
-            if other is None:
+            if (other := self.others.get(twin.plugin)) is None:
                 found.append(f"twin: {unknown_name('plugin', twin.plugin, self.others)}")
             elif other.file.simulation is None:
                 found.append(f"twin: the plugin {twin.plugin!r} declares no simulation")

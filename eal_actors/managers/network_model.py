@@ -183,9 +183,8 @@ class Grant:
 class SecurityConfig:
     """Permissions, and the keys that prove identities.
 
-    Attributes:
-        controller: name of the certificate of this fleet's controllers.
-        grants: the permissions; everything else is denied.
+    `controller` is the name of the certificate of this fleet's controllers. `grants` are the permissions; everything
+    else is denied.
     """
 
     keys: Path

@@ -73,8 +73,7 @@ def _package_for(folder: Path, name: str) -> str:
     root = sys.modules.setdefault(_PACKAGE, ModuleType(_PACKAGE))
     root.__path__ = []
     for package in (f"{_PACKAGE}.{name}", f"{_PACKAGE}.{name}_{zlib.crc32(str(folder).encode()):08x}"):
-        module = sys.modules.get(package)
-        if module is None:
+        if (module := sys.modules.get(package)) is None:
             module = sys.modules[package] = ModuleType(package)
             module.__path__ = [str(folder)]
         if list(module.__path__) == [str(folder)]:
@@ -228,9 +227,8 @@ class EALPluginManager:
     def bridge(self, name: str, settings: Mapping[str, Any]) -> tuple[ModuleType, Any]:
         """Return a plugin's bridge, and its checked settings.
 
-        Returns:
-            The module, whose `open_bridge(fleet, settings)` is a context manager that yields what it does, and an
-            instance of its `BridgeSettings`.
+        The bridge is a module, whose `open_bridge(fleet, settings)` is a context manager that yields what it does; the
+        settings are an instance of its `BridgeSettings`.
 
         Raises:
             ArgumentError: there is no such plugin, it brings no bridge, or the settings are wrong.
@@ -253,8 +251,7 @@ class EALPluginManager:
     def _simulator(self, url: str, function: str) -> Callable[..., Any]:
         scheme, what = url.partition("://")[0], function.removeprefix("open_")
         found = (one for one in self.manifests.values() if (made := one.file.simulation) and made.scheme == scheme)
-        manifest = next(found, self.manifests.get(scheme))
-        if manifest is None:
+        if (manifest := next(found, self.manifests.get(scheme))) is None:
             raise PluginError(f"{what} {url!r}: {unknown_name('plugin', scheme, self.manifests)}")
         maker: Callable[..., Any] | None = getattr(import_plugin(manifest), function, None)
         if not callable(maker):
@@ -262,12 +259,10 @@ class EALPluginManager:
         return maker
 
     def _checked_settings(self, settings: PluginSettings) -> tuple[PluginManifest, ModuleType, Any]:
-        manifest = self.manifests.get(settings.plugin)
-        if manifest is None:
+        if (manifest := self.manifests.get(settings.plugin)) is None:
             raise ConfigError([settings.problem((), self._explain_unknown(settings.plugin))])
         module = import_plugin(manifest)
-        model = getattr(module, "Settings", None)
-        if model is None:
+        if (model := getattr(module, "Settings", None)) is None:
             if settings.settings:
                 raise ConfigError(
                     [settings.problem((key,), f"plugin {manifest.name!r} has no settings") for key in settings.settings]

@@ -24,13 +24,9 @@ class _ById(dict[int, T]):
 class EALResourceManager(Generic[T]):
     """The resources of one connection (Source: thesis §4.3.3).
 
-    A resource gets its id at the first look-up, so ids differ between connections (§4.4).
-
-    Attributes:
-        get: returns the object of an id from `find`, in every call, so without a frame of Python; an id that no
-            resource has in this connection raises ResourceNotFoundError.
-
-    Thread: any.
+    A resource gets its id at the first look-up, so ids differ between connections (§4.4). `get` returns the object of
+    an id from `find`, in every call, so without a frame of Python; an id that no resource has in this connection raises
+    ResourceNotFoundError. Thread: any.
     """
 
     def __init__(self, resources: Mapping[str, T]) -> None:

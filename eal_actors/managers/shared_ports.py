@@ -22,8 +22,7 @@ def shared_ports(robots: Iterable[RobotConfig], manifests: Mapping[str, PluginMa
         for plugin in robot.plugins.values():
             manifest = manifests.get(plugin.plugin)
             for section in manifest.file.devices if manifest is not None else ():
-                device = _device(section, plugin.settings.get(section.setting))
-                if device is None:
+                if (device := _device(section, plugin.settings.get(section.setting))) is None:
                     continue
                 owner = owners.setdefault((_machine(robot), device), f"{robot.name} ({plugin.instance})")
                 if owner != f"{robot.name} ({plugin.instance})":

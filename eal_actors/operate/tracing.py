@@ -56,14 +56,9 @@ class Tracing(spans.Tracer):
     """Traces this process for the length of a `with` block.
 
     The environment variables of OpenTelemetry's SDK apply, such as OTEL_SERVICE_NAME, OTEL_TRACES_SAMPLER and
-    OTEL_EXPORTER_OTLP_HEADERS.
-
-    Args:
-        exporter: the exporter, or its name; see exporter_to. Its queue is bounded: when it is full, spans are dropped.
-        service: the name of this process, unless the environment sets one.
-
-    Thread: any; blocks only at the end, until the collector has the rest or _CLOSE_S are over. Raises ArgumentError as
-    exporter_to does.
+    OTEL_EXPORTER_OTLP_HEADERS. `exporter` is one, or its name for exporter_to. Its queue is bounded: when it is full,
+    spans are dropped. `service` is the name of this process, unless the environment sets one. Thread: any; blocks only
+    at the end, until the collector has the rest or _CLOSE_S are over. Raises ArgumentError as exporter_to does.
     """
 
     def __init__(self, exporter: SpanExporter | str, service: str) -> None:

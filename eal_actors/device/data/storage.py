@@ -140,8 +140,7 @@ def _store_scalar(c_type: CType, value: Any) -> Stored:
             hint = "; more characters need is_ptr=True" if isinstance(value, str) and len(value) > 1 else ""
             raise DataError(f"char: {short_repr(value)} is not {c_type.takes}{hint}")
         return chr(code), None, c_type.width, None
-    packed = _pack_element(c_type, value)
-    if packed is None:
+    if (packed := _pack_element(c_type, value)) is None:
         raise DataError(f"{c_type.name}: {short_repr(value)} is not {c_type.takes}")
     return struct.unpack(f"<{c_type.code}", packed)[0], packed, c_type.width, None
 

@@ -104,15 +104,10 @@ class EALData:
     ) -> EALData:
         """Wrap a Python value in the type that fits it.
 
-        Args:
-            value: bool, int (long or unsigned long where int is too small), float (DOUBLE), str, bytes, a list or
-                tuple of bools or of numbers, a numpy scalar or array, None, an EALData, which is returned as it is, or
-                an object whose method `__eal_data__` returns one.
-            unit: see EALData; None keeps the unit of an EALData.
-            frame_id: likewise.
-            stamp_s: likewise.
-
-        Raises DataError if no type fits the value.
+        `value` is a bool, an int (long or unsigned long where int is too small), a float (DOUBLE), a str, bytes, a list
+        or tuple of bools or of numbers, a numpy scalar or array, None, an EALData, which is returned as it is, or an
+        object whose method `__eal_data__` returns one. `unit`, `frame_id` and `stamp_s` are as for EALData; None keeps
+        those of an EALData. Raises DataError if no type fits the value.
         """
         kind, self = type(value), cls.__new__(cls)
         if kind is float:

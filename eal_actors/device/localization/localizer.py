@@ -72,11 +72,8 @@ class Localizer:
     ) -> None:
         """Begin to take the odometry of a driver, which calls this when it connects, also after a restart.
 
-        Args:
-            noise: the errors of its odometry.
-            refresh: brings the odometry up to date before each reading, without blocking; it raises an EALError if the
-                odometry is too old to be read.
-            not_ready: as Resource.not_ready.
+        `refresh` brings the odometry up to date before each reading, without blocking; it raises an EALError if the
+        odometry is too old to be read. `not_ready` is as Resource.not_ready.
         """
         with self._lock:
             self._history.noise = noise
@@ -147,9 +144,8 @@ class Localizer:
     def estimate(self, now_s: float) -> PoseEstimate:
         """Return the estimate at a time.
 
-        Args:
-            now_s: in seconds of the fleet's clock. For a time after the latest odometry, the estimate at the latest
-                odometry; for a time before the history of a few seconds, the oldest one.
+        `now_s` is in seconds of the fleet's clock. For a time after the latest odometry, it is the estimate at the
+        latest odometry; for a time before the history of a few seconds, the oldest one.
 
         Raises:
             NotReadyError: no odometry has arrived yet.

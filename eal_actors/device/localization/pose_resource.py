@@ -54,10 +54,8 @@ class PoseResource(Resource):
     def send_cmd(self, cmd: str, data: EALData | None = None) -> int:
         """Execute `fix`, the only command: correct the estimate at the time of the data.
 
-        Returns:
-            1 if the fix is applied, or waits for the odometry of its time; 0 if it is refused.
-
-        Raises ArgumentError if there is no such command, or the data are no pose with a covariance and a time.
+        Returns 1 if the fix is applied, or waits for the odometry of its time; 0 if it is refused. Raises ArgumentError
+        if there is no such command, or the data are no pose with a covariance and a time.
         """
         self.info().parse_command(cmd, data)
         if data is None or data.stamp_s is None:

@@ -20,10 +20,8 @@ _WINDOW_M: Final = 0.3
 class Route:
     """A polyline, driven from its first point to its last.
 
-    `points` are x and y in metres; the first is the robot's own place.
-
-    Attributes:
-        travelled_m: how far along it the robot has come; it never falls.
+    `points` are x and y in metres; the first is the robot's own place. `travelled_m` is how far along it the robot has
+    come; it never falls.
     """
 
     def __init__(self, points: Sequence[Point]) -> None:

@@ -42,9 +42,8 @@ _BRAKE_SHARE: Final = 0.5  # of the acceleration, so that the wheels can follow
 class MotionLimits:
     """The limits of a motion, each over 0.
 
-    Attributes:
-        acceleration_m_s2: of the robot's centre.
-        delay_s: from a pose to the effect of the twist that it causes.
+    `acceleration_m_s2` is that of the robot's centre; `delay_s` is from a pose to the effect of the twist that it
+    causes.
     """
 
     speed_m_s: float

@@ -29,12 +29,9 @@ class SlipWatch:
     def update(self, read_s: float, travelled_m: float, *, is_held: bool) -> None:
         """Add a reading; one with the time of the former is ignored.
 
-        Args:
-            read_s: its time.
-            travelled_m: the travel by the encoders since any place, the same for all readings.
-            is_held: whether the wheels are driven, but something holds the robot.
-
-        Raises BlockedError if the wheels have travelled too far while it was held.
+        `travelled_m` is the travel by the encoders since any place, the same for all readings. `is_held` is whether the
+        wheels are driven, but something holds the robot. Raises BlockedError if the wheels have travelled too far while
+        it was held.
         """
         if read_s <= self._read_s:
             return

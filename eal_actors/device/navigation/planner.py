@@ -78,8 +78,7 @@ def plan_path(grid: OccupancyGrid, start: Point, goal: Point, *, most_cells: int
 
 
 def _cell_of(grid: OccupancyGrid, point: Point, role: str) -> _Cell:
-    cell = grid.cell_at(*point)
-    if cell is None:
+    if (cell := grid.cell_at(*point)) is None:
         (west, east), (south, north) = ((min(axis), max(axis)) for axis in grid.corners.T.tolist())
         area = f"reaches from {west:g} to {east:g} m in x and from {south:g} to {north:g} m in y"
         raise NoPathError(f"the {role} {_shown(point)} is outside the map, which {area}")

@@ -96,8 +96,7 @@ class TrafficControl:
         self._wake()
 
     def _wake(self) -> None:
-        run = self._run
-        if run is not None:
+        if (run := self._run) is not None:
             run.wake()
 
     # The thread of the traffic control.
@@ -179,8 +178,7 @@ class TrafficControl:
             try:
                 plan = self._plan_for(travellers)
             except TrafficError as error:
-                alternative = self._plan_with_bystanders(travellers)
-                if alternative is None:
+                if (alternative := self._plan_with_bystanders(travellers)) is None:
                     self._fail_or_forget(error)
                     continue
                 plan = alternative

@@ -128,8 +128,7 @@ class Leg:
 
     def update(self) -> BaseException | None:
         """Read how far the robot has come; return the error of its command if that has failed."""
-        call = self.call
-        if call is None:
+        if (call := self.call) is None:
             return None
         before, progress = self.done, call.progress()
         share = (progress.fraction if progress is not None else None) or 0.0

@@ -95,8 +95,7 @@ class PlanRun:
     def _update(self, leg: Leg) -> bool:
         """Read how far a robot has come; return whether it or another one may have moves to be sent."""
         before = leg.done
-        error = leg.update()
-        if error is None:
+        if (error := leg.update()) is None:
             return leg.done > before or leg.call is None
         if leg.trip.done():
             return False

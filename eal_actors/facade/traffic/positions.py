@@ -29,9 +29,8 @@ _LOST: Final = (
 class RobotPositions:
     """The last known places of the robots of a fleet.
 
-    Attributes:
-        places: by the robot's name, where it is; of a robot that failed on its way, both ends of its last move.
-        known: the robots that told their place when they were asked last.
+    `places` says by the robot's name where it is; of a robot that failed on its way, both ends of its last move.
+    `known` are the robots that told their place when they were asked last.
     """
 
     def __init__(self, robots: Mapping[str, RobotHandle]) -> None:

@@ -57,10 +57,9 @@ class TravellingRobots:
                 (x_m, y_m, yaw_deg).
             timeout_s: seconds of the fleet's clock until the journey's deadline.
 
-        Returns:
-            The journey: done when each robot has arrived or failed; its `arrivals` has a future for each robot. It
-            fails with ArgumentError, before any robot moves, if there is no plan; the message names the robots and the
-            reason. It fails with BlockedError if the only way of a robot stays closed.
+        The journey is done when each robot has arrived or failed; its `arrivals` has a future for each robot. It fails
+        with ArgumentError, before any robot moves, if there is no plan; the message names the robots and the reason. It
+        fails with BlockedError if the only way of a robot stays closed.
 
         Raises:
             RobotNotFoundError: the fleet has no robot of a name.
@@ -90,12 +89,8 @@ class TravellingRobots:
             for place in fleet.visit("evbot3-1", ["shelf", "dock"]):
                 print(place, fleet["evbot3-1"].camera.frame().get().shape)
 
-        Args:
-            robot: the robot, or its name.
-            places: as for `go_to`.
-            timeout_s: seconds of the fleet's clock to each place.
-
-        Raises EALError as for `go_to`. Thread: any; blocks the caller.
+        `robot` may be its name, and `places` are as for `go_to`. `timeout_s` is in seconds of the fleet's clock, to
+        each of them. Raises EALError as for `go_to`. Thread: any; blocks the caller.
         """
         for place in places:
             self.go_to({robot: place}, timeout_s=timeout_s).get()

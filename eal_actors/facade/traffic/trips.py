@@ -64,10 +64,7 @@ class Journey(Future[dict[str, int]]):
 
     Its result is 1 for each robot's name. It fails with the error of the first robot, in the order given, that has not
     arrived; `arrivals` has the outcome of each. It also waits for robots that have arrived, made way for others and are
-    on their way back. Cancelling it stops the robots.
-
-    Attributes:
-        arrivals: the future of each robot's arrival, by name.
+    on their way back. Cancelling it stops the robots. `arrivals` has the future of each robot's arrival, by name.
     """
 
     def __init__(self, clock: Clock, trips: Sequence[Trip]) -> None:

@@ -42,8 +42,7 @@ def read_plan(text: str, parameters: Mapping[str, object]) -> Scenario:
         raise file_error(_FILE, f"has {len(text)} characters; at most {MAX_TEXT}")
     tree = parse_yaml(text, _FILE, limits=LARGE)
     file = model_of(ScenarioFile, tree)
-    foreign = [(*path, step.kind) for path, step in file.walk() if step.part_file is not None]
-    if foreign:
+    if foreign := [(*path, step.kind) for path, step in file.walk() if step.part_file is not None]:
         why = "a plan is one file: write the steps of the other scenario into it"
         raise ConfigError([tree.problem(path, why, key=True) for path in foreign])
     return parse_scenario(text, _FILE, parameters)
@@ -101,8 +100,7 @@ class Rehearser:
     def close(self) -> None:
         """End the rehearsal that runs, and let no other run. Thread: any; does not block."""
         self._is_closed = True
-        process = self._process
-        if process is not None:
+        if (process := self._process) is not None:
             process.kill()
 
     def rehearse(self, text: str, parameters: Mapping[str, object]) -> RehearsalResult:

@@ -75,8 +75,7 @@ class FleetReader:
         camera = self._fleet[name][resource]
         if not camera.info.is_camera:
             raise ArgumentError(f"{resource} of {name} takes no pictures")
-        data = camera.get_value().get(timeout=self._fleet.clock.of_real(_PICTURE_S))
-        return encode_image(data, "jpeg")
+        return encode_image(camera.get_value().get(timeout=self._fleet.clock.of_real(_PICTURE_S)), "jpeg")
 
     def runs(self) -> list[str]:
         """Return the names of the newest runs, the newest first."""
@@ -86,8 +85,7 @@ class FleetReader:
 
     def run(self, name: str) -> dict[str, Any]:
         """Return the summary of a run. Raises EALError if there is no such run, or it has not ended."""
-        summary = RunFolder.open(self._runs_dir / _checked(name)).summary
-        if summary is None:
+        if (summary := RunFolder.open(self._runs_dir / _checked(name)).summary) is None:
             raise ArgumentError(f"run {name} has no summary: it has not ended, or its controller crashed")
         return summary.model_dump(mode="json")
 

@@ -205,8 +205,7 @@ class PlanGate:
         with self._lock:
             self._is_closed = True
         self._rehearser.close()
-        future = self._future
-        if future is None:
+        if (future := self._future) is None:
             return
         for _ in range(2):  # the second time also skips the rest of `finally`
             self.abort("the agent's door was closed")

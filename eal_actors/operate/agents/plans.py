@@ -57,9 +57,8 @@ class Decision(_Record):
 class StoredPlan(_Record):
     """A plan that passed all checks.
 
-    Attributes:
-        hash: SHA-256 of its text, its parameters and the fleet, in hexadecimal.
-        steps: the lines of the dry run.
+    `hash` is the SHA-256 of its text, its parameters and the fleet, in hexadecimal; `steps` are the lines of the dry
+    run.
     """
 
     hash: str

@@ -138,12 +138,8 @@ class AgentServer:
 
         @tool(description="Check, rehearse and keep a plan; returns the hash that a person must approve.")
         async def submit_plan(ctx: Ctx, scenario: str, parameters: Parameters | None = None) -> dict[str, Any]:
-            return await self._do(
-                ctx,
-                "submit_plan",
-                _about(scenario, parameters),
-                lambda: self._submit(scenario, parameters or {}, _agent(ctx)),
-            )
+            submit = partial(self._submit, scenario, parameters or {}, _agent(ctx))
+            return await self._do(ctx, "submit_plan", _about(scenario, parameters), submit)
 
         @tool(description="Run a plan that was approved, once. Returns at its end, or after wait_s (at most 60).")
         async def run_plan(ctx: Ctx, hash: str, wait_s: float = 0.0) -> dict[str, Any]:  # noqa: A002
@@ -174,9 +170,8 @@ class AgentServer:
     def _submit(self, text: str, parameters: dict[str, Any], agent: str) -> dict[str, Any]:
         plan, reasons = self._gate.submit(text, parameters, agent)
         state = self._gate.store.state(plan)
-        advice = (
-            "run it with run_plan" if state == "approved" else f"a person approves it: eal approve {plan.hash[:12]}"
-        )
+        wanted = f"a person approves it: eal approve {plan.hash[:12]}"
+        advice = "run it with run_plan" if state == "approved" else wanted
         return {
             "hash": plan.hash,
             "state": state,

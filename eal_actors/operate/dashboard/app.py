@@ -85,14 +85,12 @@ class App:
         self.asgi: ASGIApp = _Guard(Starlette(routes=routes), app_state.access, app_state.strangers)
 
     async def _file(self, request: Request) -> Response:
-        page = self._pages.get(request.path_params.get("name", INDEX))
-        if page is None:
+        if (page := self._pages.get(request.path_params.get("name", INDEX))) is None:
             raise HTTPException(404)
         return Response(page.content, media_type=page.media_type)
 
     async def _report(self, request: Request) -> Response:
-        report = self._app_state.report(request.path_params["name"])
-        if report is None:
+        if (report := self._app_state.report(request.path_params["name"])) is None:
             raise HTTPException(404)
         try:
             page = await asyncio.to_thread(report.read_bytes)

@@ -72,7 +72,6 @@ class BrowserAudit:
 def _outcome(answer: Mapping[str, Any]) -> str:
     if answer.get("ok"):
         return "ok"
-    failed = answer.get("failed")
-    if failed:
+    if failed := answer.get("failed"):
         return "; ".join(f"{robot}: {reason}" for robot, reason in failed.items())
     return str(answer.get("drive_error", answer).get("error", "failed"))

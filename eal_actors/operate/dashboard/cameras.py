@@ -133,8 +133,7 @@ class _CameraReader:
     def end(self) -> None:
         self._is_over = True
         REAL_TIME.wake(self._stop)
-        stream = self._stream
-        if stream is not None:
+        if (stream := self._stream) is not None:
             stream.close()
 
     def _read(self) -> None:

@@ -88,8 +88,7 @@ class ControlRegistry:
 
 
 def _log_failure(robot: str, released: Future[None]) -> None:
-    error = released.exception()
-    if error is not None:  # retried as long as the robot reports the resource as held by us
+    if (error := released.exception()) is not None:  # retried as long as the robot reports the resource as held by us
         get_logger(robot=robot).debug("resources could not be released", reason=str(error))
 
 

@@ -63,8 +63,7 @@ class CredentialWatch:
             is_stable, self._seen = versions == self._seen, versions
             if is_stable and versions != self._used:
                 self._used = versions
-                operators = await asyncio.to_thread(self._read_operators)
-                if operators is not None:
+                if (operators := await asyncio.to_thread(self._read_operators)) is not None:
                     self._use_operators(operators)
 
     def _use_certificate(self, tls: ssl.SSLContext, folder: Path) -> None:

@@ -84,9 +84,8 @@ class Dispatcher:
             case messages.WatchValues():
                 self._values.watch(browser, message.robot)
             case messages.Describe():
-                return {
-                    "resources": [to_json_value(info.to_dict()) for _, info in infos_of(self._fleet[message.robot])]
-                }
+                infos = infos_of(self._fleet[message.robot])
+                return {"resources": [to_json_value(info.to_dict()) for _, info in infos]}
             case messages.CallResource():
                 self._call(message, browser, reply)
             case messages.CommandRobots():

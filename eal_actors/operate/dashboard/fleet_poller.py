@@ -196,8 +196,7 @@ class _RobotPoller:
         if self._pose_resource is None or self._robot.state is not RobotState.READY:
             return None
         self._skip_polls = REST_POLLS - 1 if self._same >= REST_POLLS else 0
-        seen = self._pose_resource.glance()
-        if seen is None:
+        if (seen := self._pose_resource.glance()) is None:
             self._skip_polls = max(self._skip_polls, ASK_POLLS - 1)
             self._pose = self._pose_resource.get_value()
         return seen

@@ -48,17 +48,8 @@ class LogTap:
         robot = event.get("robot")
         text = _to_text(event.get("event", ""))
         details = {key: _to_text(value) for key, value in event.items() if key not in _OWN_KEYS}
-        self._store.append(
-            "logs",
-            {
-                "at": wall_time().isoformat(timespec="milliseconds"),
-                "level": level,
-                "robot": robot,
-                "resource": event.get("resource"),
-                "text": text,
-                "details": details,
-            },
-        )
+        about = {"level": level, "robot": robot, "resource": event.get("resource"), "text": text, "details": details}
+        self._store.append("logs", {"at": wall_time().isoformat(timespec="milliseconds"), **about})
         if isinstance(robot, str) and level in ("error", "critical"):
             reason = details.get("reason") or details.get("error")
             self._steps.record_error(robot, f"{text}: {reason}" if reason else text)

@@ -104,8 +104,7 @@ class RunManager:
             ConfigError: the file or the parameters are wrong, or the fleet does not fit.
             RobotFailedError: a robot of the scenario did not start.
         """
-        path = self._files().get(file)
-        if path is None:
+        if (path := self._files().get(file)) is None:
             raise ScenarioError(f"there is no scenario {file!r} in the dashboard's folder of scenarios")
         with self._lock:
             if self._active_run() is not None:
@@ -153,23 +152,16 @@ class RunManager:
 
     def control(self, what: str) -> None:
         """Pause, resume, step or abort the run. Raises ScenarioError if no run is active."""
-        run = self._active_run()
-        if run is None:
+        if (run := self._active_run()) is None:
             raise ScenarioError("no scenario is running")
-        match what:
-            case "pause":
-                run.pause()
-            case "resume":
-                run.resume()
-            case "step":
-                run.step()
-            case "abort":
-                run.abort("aborted from the dashboard")
+        if what == "abort":
+            run.abort("aborted from the dashboard")
+        else:
+            {"pause": run.pause, "resume": run.resume, "step": run.step}[what]()
 
     def abort(self, reason: str) -> None:
         """Abort the run, if there is one."""
-        run = self._active_run()
-        if run is not None:
+        if (run := self._active_run()) is not None:
             run.abort(reason)
 
     def _active_run(self) -> Run | None:
@@ -179,8 +171,7 @@ class RunManager:
 
     def close(self) -> None:
         """Abort the run and wait for its end. Thread: blocks the caller, for a bounded time."""
-        future = self._future
-        if future is None:
+        if (future := self._future) is None:
             return
         self.abort(_CLOSED)
         self.abort(_CLOSED)  # the second time also skips the rest of `finally`

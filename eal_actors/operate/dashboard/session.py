@@ -154,9 +154,8 @@ class BrowserSession:
         address, place = self._address, self._place
         user = {"from": address, "browser": self.name}
         try:
-            visitor = await asyncio.to_thread(
-                self._app_state.sign_in.visitor, token, place.source if place is not None else address
-            )
+            source = place.source if place is not None else address
+            visitor = await asyncio.to_thread(self._app_state.sign_in.visitor, token, source)
         except AccessDeniedError as error:
             if token is not None and self._app_state.refusals.take(REAL_TIME.now()):
                 self._app_state.audit.begin({"who": "unknown", **user}, "sign in", {})(f"refused: {error.message}")
@@ -216,8 +215,7 @@ class BrowserSession:
             if not self._messages.take(REAL_TIME.now()):
                 raise BusyError("too many messages")
             message = messages.parse_message(text)
-            refused = self._refusal(message)
-            if refused is not None:
+            if (refused := self._refusal(message)) is not None:
                 self._refuse(message, refused)
             elif self._app_state.dispatcher.may_block(message):
                 self._execute_in_thread(message)
@@ -308,14 +306,8 @@ class BrowserSession:
                 waits.append(left_s)
                 continue
             self._frames[key] = (frame.number, REAL_TIME.now())
-            header = {
-                "robot": key[0],
-                "resource": key[1],
-                "stamp_s": frame.stamp_s,
-                "same_since_s": frame.same_since_s,
-                "error": frame.error,
-            }
-            text = json.dumps(header).encode()
+            about = {"stamp_s": frame.stamp_s, "same_since_s": frame.same_since_s, "error": frame.error}
+            text = json.dumps({"robot": key[0], "resource": key[1], **about}).encode()
             await self._send(self._websocket.send_bytes, struct.pack("<I", len(text)) + text + frame.jpeg)
         return min(waits, default=None)
 

@@ -44,8 +44,7 @@ class SignIn:
             return self._access.visitor(shown)
         digest = hashlib.sha256(shown.encode()).digest()
         with self._lock:
-            known = self._known.get(digest)
-            if known is not None:
+            if (known := self._known.get(digest)) is not None:
                 return known
             self._count(source)
         operators = self._access.operators

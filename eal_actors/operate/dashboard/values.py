@@ -136,8 +136,7 @@ class _RobotReader:
         for name, resource in list(self._resources.items()):
             if name in self._questions or name in self.robot.not_ready:
                 continue
-            seen = resource.glance()
-            if seen is None:
+            if (seen := resource.glance()) is None:
                 self._questions[name] = _Question(resource.get_value(), now_s)
             else:
                 self._keep(name, seen)
@@ -153,8 +152,7 @@ class _RobotReader:
             if not question.answer.done():
                 continue
             del self._questions[name]
-            error = question.answer.exception()
-            if error is None:
+            if (error := question.answer.exception()) is None:
                 self._keep(name, question.answer.get())
             else:
                 self._values[name] = {"error": message_of(error)}

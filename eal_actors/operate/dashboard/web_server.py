@@ -67,8 +67,7 @@ def tls_context(certificate: Path, key: Path) -> ssl.SSLContext:
     try:
         context.load_cert_chain(certificate, key)
     except OSError as error:  # ssl.SSLError too
-        why = error.strerror or str(error)
-        raise file_error(certificate, f"cannot be used for HTTPS: {why}") from error
+        raise file_error(certificate, f"cannot be used for HTTPS: {error.strerror or error}") from error
     return context
 
 
@@ -110,8 +109,7 @@ class _Server(uvicorn.Server):
                 get_logger().warning("a browser could not be accepted", reason=error_text(error))
                 await asyncio.sleep(_ACCEPT_AGAIN_S)
                 continue
-            place = self._places.take(opened, address[0])
-            if place is None:
+            if (place := self._places.take(opened, address[0])) is None:
                 opened.close()
                 continue
             task = asyncio.create_task(self._open(opened, place))

@@ -29,9 +29,7 @@ _COPY: Final = "Make it with `eal keys` on the machine with the fleet's authorit
 class RequiredCertificate:
     """A certificate that this machine needs.
 
-    Attributes:
-        command: the command that renews it, such as `eal keys renew one`.
-        host: the host that others connect to; None for a client.
+    `command` renews it, such as `eal keys renew one`; `host` is the one that others connect to, None for a client.
     """
 
     name: str
@@ -156,11 +154,8 @@ def _names(wanted: RequiredCertificate, certificate: Certificate) -> Iterator[Di
         alternative = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
         hosts = [str(name.value) for name in alternative]
     if wanted.host not in hosts:
-        yield problem(
-            _AREA,
-            f"{wanted.name} has the host {wanted.host}, but its certificate is for {', '.join(hosts) or 'no host'}",
-            f"eal keys robot {wanted.name} --force --host {wanted.host}",
-        )
+        what = f"{wanted.name} has the host {wanted.host}, but its certificate is for {', '.join(hosts) or 'no host'}"
+        yield problem(_AREA, what, f"eal keys robot {wanted.name} --force --host {wanted.host}")
 
 
 def _key(file: Path, name: str, certificate: Certificate) -> Iterator[Diagnostic]:

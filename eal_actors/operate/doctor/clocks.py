@@ -43,11 +43,8 @@ def check_clock() -> Iterator[Diagnostic]:
 def judge_date(now: datetime) -> Iterator[Diagnostic]:
     """Yield a problem if the date is impossible."""
     if now < _NOT_BEFORE:
-        yield problem(
-            _AREA,
-            f"the date {now:%Y-%m-%d} is wrong, so certificates are not valid yet",
-            "Connect the machine to a time server, or set it: sudo date -u --set='YYYY-MM-DD hh:mm'",
-        )
+        advice = "Connect the machine to a time server, or set it: sudo date -u --set='YYYY-MM-DD hh:mm'"
+        yield problem(_AREA, f"the date {now:%Y-%m-%d} is wrong, so certificates are not valid yet", advice)
 
 
 def judge_synchronised(synchronised: bool | None) -> Diagnostic:
@@ -56,21 +53,19 @@ def judge_synchronised(synchronised: bool | None) -> Diagnostic:
         return ok(_AREA, "synchronised with a time server")
     if synchronised is None:
         return ok(_AREA, "the system does not report whether it is synchronised with a time server")
-    return warning(
-        _AREA,
-        "not synchronised with a time server: times in records of different machines will differ",
-        "sudo timedatectl set-ntp true; in a network without a time server, run chrony on one machine",
-    )
+    what = "not synchronised with a time server: times in records of different machines will differ"
+    advice = "sudo timedatectl set-ntp true; in a network without a time server, run chrony on one machine"
+    return warning(_AREA, what, advice)
 
 
 def judge_steps(step_s: float) -> Iterator[Diagnostic]:
     """Yield a warning if the time of day stepped during the check, by `step_s` seconds."""
     if abs(step_s) > _STEP_S:
-        yield warning(
-            _AREA,
-            f"the time of day jumped by {step_s:+.1f} s during this check; current records have wrong times",
-            "Wait for the time synchronisation to settle, or let it slew the clock. Running fleets are not affected.",
+        what = f"the time of day jumped by {step_s:+.1f} s during this check; current records have wrong times"
+        advice = (
+            "Wait for the time synchronisation to settle, or let it slew the clock. Running fleets are not affected."
         )
+        yield warning(_AREA, what, advice)
 
 
 class _Timex(ctypes.Structure):
@@ -88,8 +83,7 @@ def _ask_kernel() -> bool | None:
 
 
 def _ask_timedatectl() -> bool | None:
-    program = shutil.which("timedatectl")
-    if program is None:
+    if (program := shutil.which("timedatectl")) is None:
         return None
     command = [program, "show", "--property=NTPSynchronized", "--value"]
     try:

@@ -155,19 +155,15 @@ def judge_device(device: NamedDevice, facts: DeviceFacts, user: str, others: Ite
 
 def judge_camera(device: NamedDevice, capabilities: bytes | None) -> Diagnostic:
     """Return whether a device captures pictures, by its `struct v4l2_capability`; None if it has none."""
+    where = f"{device.path} of {device.robot}"
     if capabilities is None:
-        return problem(
-            _CAMERAS, f"{device.path} of {device.robot} is no camera", "Name another one: v4l2-ctl --list-devices"
-        )
+        return problem(_CAMERAS, f"{where} is no camera", "Name another one: v4l2-ctl --list-devices")
     _, card, _, _, whole, own = _CAPABILITIES.unpack(capabilities)
     name = card.partition(b"\0")[0].decode("utf-8", "replace")
     if (own if whole & _HAS_DEVICE_CAPABILITIES else whole) & _CAPTURES:
-        return ok(_CAMERAS, f"{device.path} of {device.robot} is {name}")
-    return warning(
-        _CAMERAS,
-        f"{device.path} of {device.robot} belongs to {name}, but gives no pictures",
-        "Cameras often have a second device for other data; name the first one: v4l2-ctl --list-devices",
-    )
+        return ok(_CAMERAS, f"{where} is {name}")
+    advice = "Cameras often have a second device for other data; name the first one: v4l2-ctl --list-devices"
+    return warning(_CAMERAS, f"{where} belongs to {name}, but gives no pictures", advice)
 
 
 def _capabilities(path: Path) -> bytes | None:

@@ -40,8 +40,7 @@ def judge_requirements(requirements: Iterable[str], installed: Mapping[str, str]
 
     Names are in lower case with hyphens; requirements of extras are ignored.
     """
-    fitting = []
-    wrong = []
+    fitting, wrong = [], []
     for requirement in requirements:
         match = _REQUIREMENT.match(requirement)
         if match is None or "extra" in (match[3] or ""):

@@ -39,20 +39,13 @@ def judge_port(robot: str, endpoint: str, *, is_served: bool, error: OSError | N
         return ok(_AREA, f"{robot} is served at {endpoint}")
     if error is None:
         return ok(_AREA, f"{endpoint} is free for {robot}")
-    port = endpoint.rpartition(":")[2]
+    where, port = f"{endpoint} of {robot}", endpoint.rpartition(":")[2]
     if error.errno == errno.EADDRINUSE:
-        return problem(
-            _AREA,
-            f"{endpoint} of {robot} is used by a program that does not answer as that robot",
-            f"Find the program with: sudo ss -lnptu 'sport = :{port}'; stop it, or give {robot} another port.",
-        )
+        advice = f"Find the program with: sudo ss -lnptu 'sport = :{port}'; stop it, or give {robot} another port."
+        return problem(_AREA, f"{where} is used by a program that does not answer as that robot", advice)
     if error.errno == errno.EACCES:
-        return problem(
-            _AREA, f"{endpoint} of {robot} is reserved for system programs", f"Give {robot} a port of 1024 or more."
-        )
-    return warning(
-        _AREA, f"cannot listen at {endpoint} of {robot}: {error.strerror}", "Correct the address under 'listen'."
-    )
+        return problem(_AREA, f"{where} is reserved for system programs", f"Give {robot} a port of 1024 or more.")
+    return warning(_AREA, f"cannot listen at {where}: {error.strerror}", "Correct the address under 'listen'.")
 
 
 def _bind_error(endpoint: Endpoint, port: int | None = None) -> OSError | None:

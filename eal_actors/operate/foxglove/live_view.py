@@ -57,11 +57,8 @@ _LEVEL_NAMES: Final = ((logging.ERROR, "error"), (logging.WARNING, "warning"), (
 class LiveView:
     """Serves an open fleet between `with` and its end.
 
-    Args:
-        port: the port; 0 for any free one.
-        allow_control: whether viewers may drive robots and set configuration keys; see ViewerControl.
-
-    Raises UnavailableError if the port is in use.
+    `port` is 0 for any free one. `allow_control` lets viewers drive robots and set configuration keys; see
+    ViewerControl. Raises UnavailableError if the port is in use.
     """
 
     def __init__(self, fleet: Fleet, host: str = "127.0.0.1", port: int = 8765, *, allow_control: bool = False) -> None:
@@ -74,11 +71,8 @@ class LiveView:
         self._offset_s = wall_time().timestamp() - fleet.clock.now()
         self._infos = resource_infos(fleet, fleet)
         self._paths = {robot: path_resource(infos) for robot, infos in self._infos.items()}
-        self._poses = [
-            SampleSpec(fleet[robot][name], 1.0 / POSE_RATE_HZ)
-            for robot, name in self._paths.items()
-            if name is not None
-        ]
+        tracked = [fleet[robot][name] for robot, name in self._paths.items() if name is not None]
+        self._poses = [SampleSpec(resource, 1.0 / POSE_RATE_HZ) for resource in tracked]
         self._values = [value for value in self._sensors() if value.name != self._paths[value.robot]]
         self._bases = [
             fleet[robot][_BASE]
@@ -103,12 +97,9 @@ class LiveView:
         self._client_lines = _ClientLines()
 
     def __enter__(self) -> Self:
-        for topic, schema in (
-            (_TRANSFORMS_TOPIC, schemas.TRANSFORMS),
-            (_STATE_TOPIC, schemas.STATE),
-            (_LOG_TOPIC, schemas.LOG),
-        ):
-            self._channel(topic, schema)
+        self._channel(_TRANSFORMS_TOPIC, schemas.TRANSFORMS)
+        self._channel(_STATE_TOPIC, schemas.STATE)
+        self._channel(_LOG_TOPIC, schemas.LOG)
         for topic in self._scenes:
             self._channel(topic, schemas.SCENE)
         for resource in (*self._values, *(spec.resource for spec in self._poses)):
@@ -186,8 +177,7 @@ class LiveView:
     # Poses. Thread: the sampler's.
 
     def _add_pose(self, resource: ResourceHandle, data: EALData) -> bool:
-        sample = pose_sample(resource, data, self._fleet.clock)
-        if sample is None:
+        if (sample := pose_sample(resource, data, self._fleet.clock)) is None:
             return False
         time_s = self._wall_s(sample.time_s)
         if time_s <= self._newest_s.get(topic_of(resource), 0.0):  # the same pose again: a late sampler catches up
@@ -251,8 +241,7 @@ class LiveView:
 
     def send_scene(self, topic: str) -> None:
         """Send a scene again, for a viewer that has just asked for it. Thread: any."""
-        scene = self._scenes.get(topic)
-        if scene is not None:
+        if (scene := self._scenes.get(topic)) is not None:
             now_s = self._wall_s(self._fleet.clock.now())
             self._log(topic, schemas.SCENE, messages.shifted(scene, messages.nanoseconds(now_s)), now_s)
 

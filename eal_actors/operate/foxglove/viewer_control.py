@@ -65,15 +65,13 @@ class ViewerControl:
 
     def on_client_unadvertise(self, client: Any, client_channel_id: int) -> None:
         """Halt the robot of a topic that is given up, as when a viewer leaves."""
-        robot = self._robots.pop((client.id, client_channel_id), None)
-        if robot is not None:
+        if (robot := self._robots.pop((client.id, client_channel_id), None)) is not None:
             self._teleop.release(_name(client), robot)
             self._release(robot)
 
     def on_message_data(self, client: Any, client_channel_id: int, data: bytes) -> None:
         """Drive a robot by a message."""
-        robot = self._robots.get((client.id, client_channel_id))
-        if robot is None:
+        if (robot := self._robots.get((client.id, client_channel_id))) is None:
             return
         viewer = _name(client)
         try:

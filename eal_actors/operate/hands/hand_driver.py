@@ -47,10 +47,8 @@ class HandSettings:
 class HandDriver:
     """Drives robots until its device is unplugged.
 
-    Args:
-        robots: the robots; the group button chooses all of them or one after another.
-
-    Thread: `run` blocks its caller; the dead-man's switch has a thread of its own.
+    The group button chooses all of the `robots`, or one after another. Thread: `run` blocks its caller; the dead-man's
+    switch has a thread of its own.
     """
 
     def __init__(self, fleet: Fleet, robots: Sequence[str], settings: HandSettings, report: Report) -> None:

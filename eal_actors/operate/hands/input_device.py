@@ -42,11 +42,9 @@ def find_input(device: Path | None = None) -> InputSource:
     refused: list[str] = []
     for path in found:
         try:
-            source = _open(path, needs_gamepad=True)
+            return _open(path, needs_gamepad=True)
         except (UnavailableError, ArgumentError) as error:
             refused.append(f"{path}: {error.message}")
-            continue
-        return source
     what = "; ".join(refused) if refused else f"{_FOLDER} has no devices"
     raise UnavailableError(f"no gamepad: {what}. Plug one in, or give --device")
 

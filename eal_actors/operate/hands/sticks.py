@@ -75,11 +75,8 @@ class Sticks:
 
     The dead-man of a gamepad is a shoulder button; of a keyboard, the keys that drive. After lost events nothing is
     held until it is released and pressed again. `ranges` are those of the axes by code; `expo` is the curve of the
-    stick, from 0, linear, to 1, cubic.
-
-    Attributes:
-        press: counts the times that the dead-man was pressed.
-        group_steps: counts the presses of the button that chooses the next robots.
+    stick, from 0, linear, to 1, cubic. `press` counts the times that the dead-man was pressed, and `group_steps` those
+    of the button that chooses the next robots.
     """
 
     def __init__(self, ranges: Mapping[int, AxisRange] | None = None, expo: float = 0.6) -> None:

@@ -28,12 +28,8 @@ _CLOSE_S: Final = 2.0
 class FleetMetrics:
     """Counts the calls of robots, and serves metrics on loopback, for the length of a `with` block.
 
-    Args:
-        robots: robots by name; the mapping may change.
-        port: the port; 0 for any free port.
-        dead_man_trips: halts because of a silent controller, by resource, of the one robot that is served.
-
-    Raises UnavailableError if the port is in use.
+    The mapping of `robots` may change. `port` is 0 for any free one. `dead_man_trips` are halts because of a silent
+    controller, by resource, of the one robot that is served. Raises UnavailableError if the port is in use.
     """
 
     def __init__(
@@ -146,8 +142,7 @@ def _resource_metrics(robots: Iterable[RobotHandle]) -> Iterator[Metric]:
         for name, handle in robot.items():
             restarts.add_metric((robot.name, name), restarted.get(name, 0))
             not_ready.add_metric((robot.name, name), float(name in absent))
-            waiting = handle.waiting
-            if waiting is not None:
+            if (waiting := handle.waiting) is not None:
                 depth.add_metric((robot.name, name), waiting.count)
                 oldest.add_metric((robot.name, name), waiting.oldest_s)
     yield from (depth, oldest, restarts, not_ready)

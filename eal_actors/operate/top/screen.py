@@ -175,8 +175,7 @@ class TopApp(App[None]):
     def _report_orders(self) -> None:
         for what, future in [order for order in self._orders if order[1].done()]:
             self._orders.remove((what, future))
-            error = future.exception()
-            if error is None:
+            if (error := future.exception()) is None:
                 self.notify(f"all robots {what}")
             else:
                 shown = str(error) if isinstance(error, EALError) else repr(error)

@@ -86,8 +86,7 @@ def way_out(
         keep_m = min(keep_m + half_m, math.dist(at, niche) - half_m)  # a niche that is too near is left all the same
         cells[(np.hypot(*(centres - at).T) < keep_m).reshape(cells.shape)] = OCCUPIED
     clear = OccupancyGrid(cells, inflated.resolution_m, inflated.origin)
-    start = clear.cell_at(*niche)
-    if start is None:
+    if (start := clear.cell_at(*niche)) is None:
         return None
     place_of = {clear.cell_at(*point): number for number, point in enumerate(points)}
     before, queue, blocked = {start: _NOWHERE}, deque([start]), np.pad(clear.blocked, 1, constant_values=True).tolist()

@@ -18,8 +18,7 @@ from eal_actors.device.navigation.traffic.problem import FAR, NOBODY, TrafficPro
 class StepGenerator:
     """Generates configurations: the places of all travellers one step later.
 
-    Attributes:
-        work: the number of travellers placed so far.
+    `work` is the number of travellers placed so far.
     """
 
     def __init__(self, problem: TrafficProblem, random_numbers: random.Random) -> None:
@@ -97,8 +96,7 @@ class StepGenerator:
             return False
         if place == here or not self._blocks:
             return True
-        block = self._blocks.get((here, place))
-        if block is None:
+        if (block := self._blocks.get((here, place))) is None:
             return True
         if self._problem.is_between(here, place):
             return all(taken[near] == NOBODY and at[near] in {NOBODY, number} for near in block)

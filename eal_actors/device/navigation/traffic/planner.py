@@ -58,16 +58,10 @@ def plan_traffic(
 ) -> TrafficPlan:
     """Plan the moves of all robots to their goals.
 
-    The plan depends on the arguments alone, and its work is bounded.
-
-    Args:
-        grid: the map, not inflated.
-        travellers: the robots that are to drive.
-        standing: robots that stay, and obstacles that are on no map.
-        seed: of choices between equal paths.
-
-    Raises TrafficError if a start or goal is not free, two goals are too near to each other, a goal cannot be reached,
-    there is no plan, or none was found within the bound of work. The message names the robots.
+    The plan depends on the arguments alone, and its work is bounded. `grid` is not inflated. `standing` are robots that
+    stay, and obstacles that are on no map. `seed` is that of choices between equal paths. Raises TrafficError if a
+    start or goal is not free, two goals are too near to each other, a goal cannot be reached, there is no plan, or none
+    was found within the bound of work. The message names the robots.
     """
     if len(travellers) > MAX_TRAVELLERS:
         raise TrafficError(f"traffic is planned for at most {MAX_TRAVELLERS} robots at once, not {len(travellers)}")
@@ -103,8 +97,7 @@ def plan_traffic(
 
 
 def _plan_alone(grid: OccupancyGrid, traveller: Traveller, standing: Sequence[StandingDisc]) -> TrafficPlan | None:
-    way = way_alone(grid, traveller, standing, MARGIN_M)
-    if way is None:
+    if (way := way_alone(grid, traveller, standing, MARGIN_M)) is None:
         return None
     moves = tuple(TrafficMove(place, ()) for place in way)
     return TrafficPlan({traveller.name: moves}, 2 * traveller.radius_m + MARGIN_M, len(way), len(way))

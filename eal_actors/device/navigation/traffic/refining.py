@@ -55,8 +55,7 @@ def _replan(table: Timetable, group: list[int]) -> bool:
         table.remove(number)
     added = []
     for number in group:
-        path = table.shortest(number, left)
-        if path is None:
+        if (path := table.shortest(number, left)) is None:
             break
         table.add(number, path)
         added.append(number)

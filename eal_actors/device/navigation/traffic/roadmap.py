@@ -62,9 +62,7 @@ class Traveller:
 class StandingDisc:
     """A robot that does not travel, or an obstacle that is on no map.
 
-    Attributes:
-        at: x and y in m, in the map frame.
-        radius_m: of its hull.
+    `at` is x and y in m, in the map frame; `radius_m` is that of its hull.
     """
 
     name: str
@@ -76,9 +74,8 @@ class StandingDisc:
 class Roadmap:
     """A planning problem with the positions of its places.
 
-    Attributes:
-        points: x and y of each place in m, shape (n, 2).
-        clearance_m: distance that the centres of two robots keep.
+    `points` are x and y of each place in m, shape (n, 2); `clearance_m` is the distance that the centres of two robots
+    keep.
     """
 
     points: Floats
@@ -268,8 +265,7 @@ class RoadmapBuilder:
         """Lead one traveller out of a niche, or into it, where the lattice is not in sight."""
         radius_m = self._travellers[number].radius_m
         discs = [(thing.at, self._clearance_of(thing, radius_m)) for thing in self._standing]
-        found = way_out(grid, self._points[place], nodes, discs, self._clearance_m)
-        if found is not None:
+        if (found := way_out(grid, self._points[place], nodes, discs, self._clearance_m)) is not None:
             between, node = found
             way = [place, *range(len(self._points), len(self._points) + len(between)), node]
             self._points += between

@@ -13,11 +13,7 @@ _SLACK_STEPS = 16  # steps after the last arrival, so that a new path may be lat
 
 
 class Timetable:
-    """The paths of travellers, by step and place.
-
-    Attributes:
-        work: the number of places and steps looked at so far.
-    """
+    """The paths of travellers, by step and place. `work` is the number of places and steps looked at so far."""
 
     def __init__(self, problem: TrafficProblem, paths: list[Path]) -> None:
         self._problem = problem
