@@ -51,8 +51,7 @@ class EALPlugin:
         resources = [str(name) for name in named[:count]]
         if not resources:
             raise PluginError("EALPlugin names no resource")
-        twice = sorted({name for name in resources if resources.count(name) > 1})
-        if twice:
+        if twice := sorted({name for name in resources if resources.count(name) > 1}):
             raise PluginError(f"EALPlugin names {', '.join(twice)} twice")
         self._resources = tuple(resources)
 
@@ -113,14 +112,10 @@ class FleetServices:
     picture_log: PictureLog | None = field(default=None, init=False)
     _lock: threading.RLock = field(default_factory=threading.RLock, init=False)
     _shared: dict[Hashable, Any] = field(default_factory=dict, init=False)
-    _links: dict[str, FaultyLink] = field(default_factory=dict, init=False)
 
     def link(self, robot: str) -> FaultyLink:
         """Return the link to a robot, for plugins that inject faults. Thread: any."""
-        with self._lock:
-            if robot not in self._links:
-                self._links[robot] = FaultyLink(robot, self.seed)
-            return self._links[robot]
+        return self.shared(("link", robot), lambda: FaultyLink(robot, self.seed))
 
     def localizer(self, robot: str, instance: str) -> Localizer:
         """Return the pose estimate of a driver; it outlives restarts of the robot and its plugins. Thread: any."""

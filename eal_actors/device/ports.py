@@ -235,8 +235,7 @@ def _is_gone(port: Any) -> bool:
         descriptor = port.fileno()
         poller = select.poll()
         poller.register(descriptor, _POLL_PEER_CLOSED)
-        events = poller.poll(0)
-        if not events:
+        if not (events := poller.poll(0)):
             return False
         hung_up = bool(events[0][1] & select.POLLHUP)
         closed = bool(events[0][1] & _POLL_PEER_CLOSED) and not port.in_waiting  # its last bytes are read first

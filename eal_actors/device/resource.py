@@ -298,12 +298,8 @@ class Resource:
         """Report the progress of the running activity to its caller and to observers of the robot.
 
         Call it in an activity as often as you like; elsewhere it does nothing. The latest report of a step counts.
-
-        Args:
-            fraction: the part that is done; below 0 counts as 0, above 1 as 1. None if unknown.
-            text: the present stage, for people.
-
-        Raises ArgumentError if the fraction is no number.
+        `fraction` is the part that is done; below 0 counts as 0, above 1 as 1, and None is unknown. `text` is the
+        present stage, for people. Raises ArgumentError if the fraction is no number.
         """
         if fraction is not None:
             if fraction != fraction:

@@ -59,8 +59,7 @@ def resolve_endpoint(config: FleetConfig, host: str, port: int) -> str:
     except ValueError as error:
         if "/" not in host:
             raise unknown_robot(config, host, port) from error
-        message = f"fleet {config.name!r} has no robot {host!r}, and as an endpoint, {error}"
-        raise RobotNotFoundError(message) from error
+        raise RobotNotFoundError(f"fleet {config.name!r} has no robot {host!r}, and as an endpoint, {error}") from error
     bracketed = f"[{endpoint.host}]" if ":" in endpoint.host else endpoint.host
     return f"{endpoint.protocol}/{bracketed}:{endpoint.port}"
 

@@ -142,8 +142,7 @@ class Fleet(FleetCalls):
             config: the new configuration; read from the fleet's file if None.
             timeout_s: real seconds to wait at most until another robot is up.
 
-        Returns:
-            The robots that changed.
+        Returns the robots that changed.
 
         Raises:
             ConfigError: the file is wrong, or changes what cannot change while the fleet is open: its name, clock, seed
@@ -164,9 +163,8 @@ class Fleet(FleetCalls):
                 starter.end_sessions(CLOSE_TIMEOUT_S, [robot.name for robot in ended])
                 self.config, self._starter = starter.config, starter
                 self._adopt(changes)
-            self._wait_started(
-                [name for name in (*changes.added, *changes.restarted) if name in self._robots], timeout_s
-            )
+            started = [name for name in (*changes.added, *changes.restarted) if name in self._robots]
+            self._wait_started(started, timeout_s)
             with self._start_lock:
                 self._forwarder.follow(self.config, self._robots)
         get_logger(fleet=self.name).info("fleet file reloaded", changes=str(changes))

@@ -106,15 +106,8 @@ class FleetCalls(TravellingRobots, Mapping[str, RobotHandle]):
             fleet.send(fleet.select(tags=["indoor"]), "Base", "f0.3").get()
 
         The future is done when every robot's command is; cancelling it cancels all. For commands that begin at the same
-        instant, see `together`. `data` is the command's argument, where its text does not hold it. All other arguments
-        are those of `read`.
-
-        Raises:
-            ArgumentError: a robot is given twice.
-            RobotNotFoundError: the fleet has no robot of a name.
-            ResourceNotFoundError: a robot has no such resource. Nothing is sent then.
-
-        Thread: any. Code of resources with `any_thread` runs in the caller's thread; all else does not block.
+        instant, see `together`. `data` is the command's argument, where its text does not hold it. All other arguments,
+        the errors and the thread are those of `read`.
         """
         handles = [robot[resource] for robot in self._chosen(robots)]
         return by_robot(handles, send_many(handles, cmd, data, timeout_s), return_exceptions=return_exceptions)

@@ -31,9 +31,8 @@ class RobotStarter:
         self._clock = clock
         self._local = sum(robot.address is None for robot in config.robots.values())
         self._plugins = EALPluginManager(config.plugin_dirs)
-        self.services = FleetServices(
-            clock, config.seed, config.world, self._plugins.open_port, self._plugins.open_camera
-        )
+        makers = self._plugins.open_port, self._plugins.open_camera
+        self.services = FleetServices(clock, config.seed, config.world, *makers)
         self.services.markers = _markers(config)
         self._started: dict[str, RobotConfig] = {}  # the latest configuration of each robot of this process
         self._controllers: dict[str, Controller] = {}  # by robot
@@ -91,8 +90,7 @@ class RobotStarter:
         if robot.name not in self._controllers:  # the endpoints of a session are fixed, so a reload opens another one
             remote = [one.name for one in self.config.robots.values() if one.address is not None]
             names = [name for name in remote if name not in self._controllers]
-            controller = Controller(self.config, self._clock, names).launch()
-            self._controllers |= dict.fromkeys(names, controller)
+            self._controllers |= dict.fromkeys(names, Controller(self.config, self._clock, names).launch())
         view = RobotView(robot.name, self._clock)
         link = self.services.link(robot.name)
         return RemoteRobot(robot, address, link, view, self._controllers[robot.name]).launch(), view

@@ -175,8 +175,7 @@ class RobotService:
     def _check_exclusive(self) -> None:
         source, path = str(self._config.source), f"robots.{self._name}.exclusive"
         unknown = [name for name in self._wanted.exclusive or () if name not in self.robot]
-        problems = [Problem(source, 0, 0, path, unknown_name("resource", name, self.robot)) for name in unknown]
-        if problems:
+        if problems := [Problem(source, 0, 0, path, unknown_name("resource", name, self.robot)) for name in unknown]:
             raise ConfigError(problems)
 
     def _halt(self) -> None:
@@ -234,8 +233,7 @@ def _hosting(config: FleetConfig, robots: Sequence[str]) -> Iterator[tuple[Robot
     name = robots[0]
     keeper = SessionKeeper(name, config.network, lambda: robot_config(config, name))
     try:
-        only = name if len(robots) == 1 else None
-        host = RobotHost(config.network_name, keeper.open(), config.network, only)
+        host = RobotHost(config.network_name, keeper.open(), config.network, name if len(robots) == 1 else None)
         with sharing_processor(len(robots)):
             host.launch()
         try:

@@ -82,8 +82,7 @@ def _unknown(name: str | Path, kind: str, known: Iterable[str]) -> ConfigError:
     names = list(known)
     near = nearest(str(name), names)
     hint = f"did you mean '{near}'?" if near is not None else f"there are: {', '.join(names)}"
-    message = f"no such file, and no {kind} of that name comes with the framework; {hint}"
-    return file_error(name, message)
+    return file_error(name, f"no such file, and no {kind} of that name comes with the framework; {hint}")
 
 
 def short_path(path: Path) -> Path:

@@ -94,8 +94,7 @@ class Clock(ABC):
     def spares_turn(self, *, among_many: bool = False) -> bool:
         """Return whether the caller should do the work of a waiting thread itself, rather than wake it. Thread: any.
 
-        Args:
-            among_many: the caller needs many threads at once, so that waking them would cost more than their work.
+        With `among_many` the caller needs many threads at once, so that waking them would cost more than their work.
         """
         return among_many
 
@@ -284,10 +283,8 @@ def wall_time() -> datetime:
 class Timer:
     """An action with a time.
 
-    Args:
-        time_s: when, in seconds of a clock.
-        order: of two timers of one time, the one with the lower order goes first.
-        action: the action; None once it has run or is cancelled.
+    Of two timers of one time, the one with the lower `order` goes first. `time_s` is in seconds of a clock. `action` is
+    None once it has run or is cancelled.
     """
 
     __slots__ = ("action", "order", "time_s")

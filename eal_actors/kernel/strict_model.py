@@ -307,8 +307,7 @@ def _message(detail: dict[str, Any], annotations: list[object]) -> str:
 
 
 def _nearest(value: object, expected: str) -> str:
-    names = re.findall(r"'([^']*)'", expected)
-    near = nearest(value, names) if isinstance(value, str) else None
+    near = nearest(value, re.findall(r"'([^']*)'", expected)) if isinstance(value, str) else None
     return f"; did you mean '{near}'?" if near else ""
 
 

@@ -83,10 +83,8 @@ def merge(base: MarkedDict, over: MarkedDict) -> MarkedDict:
     Every key and value keeps its place.
     """
     merged = MarkedDict(over.mark)
-    for key, value, key_mark, value_mark in base.marked_items():
-        merged.put(key, value, key_mark, value_mark)
-    for key, value, key_mark, value_mark in over.marked_items():
-        below = base.get(key)
+    for key, value, key_mark, value_mark in (*base.marked_items(), *over.marked_items()):
+        below = merged.get(key)
         if isinstance(below, MarkedDict) and isinstance(value, MarkedDict):
             value = merge(below, value)
         merged.put(key, value, key_mark, value_mark)

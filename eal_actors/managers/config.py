@@ -74,17 +74,15 @@ class EALConfigManager:
         the names, tags and types exists, but not together. Raises RobotNotFoundError if no robot of the fleet has one
         of the names, tags or types.
         """
-        chosen = list(self.fleet.robots.values())
+        robots = chosen = list(self.fleet.robots.values())
         if names is not None:
             wanted = self._require("robot", names, self.fleet.robots)
             chosen = [robot for robot in chosen if robot.name in wanted]
         if tags is not None:
-            wanted = self._require("tag", tags, (tag for robot in self.fleet.robots.values() for tag in robot.tags))
+            wanted = self._require("tag", tags, (tag for robot in robots for tag in robot.tags))
             chosen = [robot for robot in chosen if wanted.intersection(robot.tags)]
         if types is not None:
-            wanted = self._require(
-                "type", types, (name for robot in self.fleet.robots.values() for name in robot.types)
-            )
+            wanted = self._require("type", types, (name for robot in robots for name in robot.types))
             chosen = [robot for robot in chosen if wanted.intersection(robot.types)]
         return tuple(chosen)
 

@@ -288,8 +288,7 @@ def robot_config(name: str, merged: MarkedDict, types: tuple[str, ...]) -> Robot
         for instance in section.plugins
     }
     copied = {field.name for field in fields(RobotConfig)} - {"name", "types", "plugins"}
-    values = {key: getattr(section, key) for key in copied}
-    return RobotConfig(name=name, types=types, plugins=plugins, **values)
+    return RobotConfig(name=name, types=types, plugins=plugins, **{key: getattr(section, key) for key in copied})
 
 
 def _plugin_settings(robot: str, instance: str, plugins: MarkedDict, plugin: str | None) -> PluginSettings:

@@ -189,8 +189,7 @@ class PluginManifest:
             used = self.used()
         except PluginError:  # importing it reports this
             used = ()
-        missing = [module for plugin in (self, *used) for module in plugin.own_missing_modules()]
-        return tuple(dict.fromkeys(missing))
+        return tuple(dict.fromkeys(module for plugin in (self, *used) for module in plugin.own_missing_modules()))
 
     def own_missing_modules(self) -> tuple[str, ...]:
         """Return the modules that it requires itself and that are not installed."""
@@ -248,8 +247,7 @@ def _read_file(folder: Path) -> ManifestFile:
 
 @lru_cache(maxsize=256)
 def _parse_file(file: Path, changed_ns: int) -> ManifestFile:  # noqa: ARG001  # part of the cache's key
-    tree = load_yaml(file)
-    return model_of(ManifestFile, tree)
+    return model_of(ManifestFile, load_yaml(file))
 
 
 def discover(plugin_dirs: Iterable[Path]) -> tuple[dict[str, PluginManifest], tuple[EALError, ...]]:
@@ -263,10 +261,9 @@ def discover(plugin_dirs: Iterable[Path]) -> tuple[dict[str, PluginManifest], tu
     for folder in _plugin_folders(plugin_dirs, errors):
         try:
             manifest = PluginManifest(folder, _read_file(folder), found)
+            found.setdefault(manifest.name, manifest)
         except ConfigError as error:
             errors.append(error)
-            continue
-        found.setdefault(manifest.name, manifest)
     return dict(sorted(found.items())), tuple(errors)
 
 
@@ -289,8 +286,7 @@ def _plugin_folders(plugin_dirs: Iterable[Path], errors: list[EALError]) -> Iter
 @cache
 def _entry_points(_path: tuple[str, ...]) -> tuple[importlib.metadata.EntryPoint, ...]:
     """Return the plugins of installed packages; reading those of all packages takes 30 ms, a third of a short run."""
-    found = importlib.metadata.entry_points(group=ENTRY_POINTS)
-    return tuple(sorted(found, key=lambda entry: entry.name))
+    return tuple(sorted(importlib.metadata.entry_points(group=ENTRY_POINTS), key=lambda entry: entry.name))
 
 
 def simulating_plugin(plugin_dirs: Iterable[Path] = ()) -> PluginManifest:

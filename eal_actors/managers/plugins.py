@@ -289,8 +289,7 @@ def _begin_pose(robot: RobotConfig, instance: str, services: FleetServices) -> N
     """Set where the pose estimate of a driver begins, as far as the fleet file tells."""
     start, localizer = robot.pose.start, services.localizer(robot.name, instance)
     if start is not None:
-        yaw_rad = math.radians(start.yaw_deg)
-        localizer.begin_at(float(start.x_m), float(start.y_m), yaw_rad, BY_HAND, is_given=True)
+        localizer.begin_at(float(start.x_m), float(start.y_m), math.radians(start.yaw_deg), BY_HAND, is_given=True)
     elif robot.pose.trackers:
         localizer.begin_at(0.0, 0.0, 0.0, UNKNOWN)
 

@@ -86,12 +86,8 @@ class Tracing(spans.Tracer):
         above = trace.get_current_span().get_span_context()
         if not above.is_valid:
             return None
-        return _Span(
-            self._tracer,
-            self._tracer.start_span(
-                name, kind=trace.SpanKind.SERVER if above.is_remote else _KINDS[kind], attributes=about
-            ),
-        )
+        role = trace.SpanKind.SERVER if above.is_remote else _KINDS[kind]
+        return _Span(self._tracer, self._tracer.start_span(name, kind=role, attributes=about))
 
     @override
     def begin_trace(self, name: str, about: spans.About) -> spans.Span:

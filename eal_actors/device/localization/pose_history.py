@@ -85,16 +85,14 @@ class PoseHistory:
                 last.stamp_s, last.odometry, last.state = stamp_s, pose, None
                 return
         entries.append(_Entry(stamp_s, pose))
-        kept_s = (
-            entries[-2].stamp_s if len(entries) > 1 else stamp_s
-        )  # the newest entry may move on, as after a reading
+        # The newest entry may move on, as after a reading.
+        kept_s = entries[-2].stamp_s if len(entries) > 1 else stamp_s
         if len(entries) > _MOST_ENTRIES or kept_s - entries[0].stamp_s > 2 * HISTORY_S:
             self._forget(kept_s - HISTORY_S)
 
     def restart(self, pose: Pose, stamp_s: float) -> None:
         """Continue from another pose by odometry; the robot has not moved."""
-        state = self.head() if self._entries else None
-        self._entries = [_Entry(max(stamp_s, self.last_s), pose, state)]
+        self._entries = [_Entry(max(stamp_s, self.last_s), pose, self.head() if self._entries else None)]
 
     def reset(self, state: FilterState) -> None:
         """Set the state at the newest entry, and forget what was before."""
@@ -125,10 +123,8 @@ class PoseHistory:
     def has(self, fix: PoseEstimate) -> bool:
         """Return whether the same fix was applied: one that came by two ways."""
         pose = fix.x_m, fix.y_m, fix.yaw_rad
-        return any(
-            known.fix is not None and (known.fix.x_m, known.fix.y_m, known.fix.yaw_rad) == pose
-            for known in self._entries
-        )
+        fixes = (entry.fix for entry in self._entries if entry.fix is not None)
+        return any((known.x_m, known.y_m, known.yaw_rad) == pose for known in fixes)
 
     def head(self) -> FilterState:
         """Return the state at the newest entry; compute what is missing."""

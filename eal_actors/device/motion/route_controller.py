@@ -109,9 +109,8 @@ class RouteController:
         """Return the twist for the next step, a duration after the step before; a standstill at the goal."""
         self._route.advance(pose[0], pose[1])
         twist = self._wanted(pose)
-        gain_m_s, gain_rad_s = (
-            limit * duration_s for limit in (self._limits.acceleration_m_s2, self._limits.turn_acceleration_rad_s2)
-        )
+        limits = self._limits
+        gain_m_s, gain_rad_s = limits.acceleration_m_s2 * duration_s, limits.turn_acceleration_rad_s2 * duration_s
         self._rolling_m_s = max(self._wheel_m_s(), self._rolling_m_s - gain_m_s)
         if not twist.speed_m_s and self._rolling_m_s > gain_m_s:
             twist = STANDSTILL  # a wheel that brakes for a turn lags behind, and the robot drives on: it stops first

@@ -20,8 +20,7 @@ def assign_places(starts: Sequence[Point], places: Sequence[Point]) -> list[int]
     """
     if len(starts) != len(places):
         raise ArgumentError(f"{len(starts)} robots need as many places, not {len(places)}")
-    costs = [[math.dist(start, place) ** 2 for place in places] for start in starts]
-    return least_assignment(costs)
+    return least_assignment([[math.dist(start, place) ** 2 for place in places] for start in starts])
 
 
 def least_assignment(costs: Sequence[Sequence[float]]) -> list[int]:

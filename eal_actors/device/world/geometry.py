@@ -18,14 +18,10 @@ def corners(rectangle: Rectangle) -> list[tuple[float, float]]:
     """Return x and y of the four corners in metres, in the world's frame, counter-clockwise."""
     cos, sin = _direction(rectangle)
     half_x_m, half_y_m = (size_m / 2 for size_m in rectangle.size_m)
+    ends_m = (half_x_m, half_y_m), (-half_x_m, half_y_m), (-half_x_m, -half_y_m), (half_x_m, -half_y_m)
     return [
         (rectangle.x_m + cos * ahead_m - sin * left_m, rectangle.y_m + sin * ahead_m + cos * left_m)
-        for ahead_m, left_m in (
-            (half_x_m, half_y_m),
-            (-half_x_m, half_y_m),
-            (-half_x_m, -half_y_m),
-            (half_x_m, -half_y_m),
-        )
+        for ahead_m, left_m in ends_m
     ]
 
 

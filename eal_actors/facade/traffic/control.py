@@ -198,8 +198,7 @@ class TrafficControl:
             try:
                 plan = self._plan_for([*travellers, *movable.values()])
             except TrafficError as error:
-                stuck = movable.keys() & set(error.robots)
-                if not stuck:
+                if not (stuck := movable.keys() & set(error.robots)):
                     return None
                 for name in stuck:
                     del movable[name]
@@ -236,11 +235,9 @@ class TrafficControl:
 
 def open_floor(travellers: Sequence[Traveller]) -> OccupancyGrid:
     """Return a free grid around the robots and their goals."""
-    points = np.array(
-        [point for traveller in travellers for point in (traveller.start, traveller.goal)] or [(0.0, 0.0)]
-    )
+    ends = [point for traveller in travellers for point in (traveller.start, traveller.goal)]
+    points = np.array(ends or [(0.0, 0.0)])
     low, high = points.min(axis=0) - _OPEN_FLOOR_M, points.max(axis=0) + _OPEN_FLOOR_M
     columns, rows = np.ceil((high - low) / RESOLUTION_M).astype(int)
-    return OccupancyGrid(
-        np.full((rows, columns), FREE, np.int8), RESOLUTION_M, GridOrigin(float(low[0]), float(low[1]))
-    )
+    origin = GridOrigin(float(low[0]), float(low[1]))
+    return OccupancyGrid(np.full((rows, columns), FREE, np.int8), RESOLUTION_M, origin)

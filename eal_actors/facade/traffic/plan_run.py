@@ -122,9 +122,8 @@ class PlanRun:
             if leg.trip.deadline_s is not None and self._clock.now() >= leg.trip.deadline_s:
                 leg.trip.expire()
             elif leg.is_driving and leg.silence_s() > SILENCE_S:
-                self._fail(
-                    leg, UnavailableError(f"it has not been heard of for {SILENCE_S:g} s on its way", robot=name)
-                )
+                why = f"it has not been heard of for {SILENCE_S:g} s on its way"
+                self._fail(leg, UnavailableError(why, robot=name))
 
     @staticmethod
     def _fail(leg: Leg, error: BaseException) -> None:

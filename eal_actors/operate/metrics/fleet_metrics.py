@@ -41,16 +41,9 @@ class FleetMetrics:
     ) -> None:
         self.port = port
         self._registry = CollectorRegistry()
-        self._calls = Counter(
-            "eal_calls", "Calls that ended.", ("robot", "resource", "method", "outcome"), registry=self._registry
-        )
-        self._seconds = Histogram(
-            "eal_call_seconds",
-            "Seconds from call to answer, by the fleet's clock.",
-            ("robot", "resource", "method"),
-            buckets=_BUCKETS_S,
-            registry=self._registry,
-        )
+        labels, about = ("robot", "resource", "method"), "Seconds from call to answer, by the fleet's clock."
+        self._calls = Counter("eal_calls", "Calls that ended.", (*labels, "outcome"), registry=self._registry)
+        self._seconds = Histogram("eal_call_seconds", about, labels, buckets=_BUCKETS_S, registry=self._registry)
         self._frames = Counter("eal_frames", "Pictures read.", ("robot", "resource"), registry=self._registry)
         self._registry.register(_StateCollector(robots, dead_man_trips))
         self._observation = observe_calls(clock, self._count)
@@ -101,9 +94,8 @@ class _StateCollector(Collector):
         yield from _robot_metrics(robots)
         yield from _resource_metrics(robots)
         if self._trips is not None:
-            trips = CounterMetricFamily(
-                "eal_dead_man_trips", "Halts because a controller was silent.", labels=("robot", "resource")
-            )
+            labels, about = ("robot", "resource"), "Halts because a controller was silent."
+            trips = CounterMetricFamily("eal_dead_man_trips", about, labels=labels)
             for robot in robots:
                 for name in robot:
                     trips.add_metric((robot.name, name), self._trips.get(name, 0))

@@ -160,8 +160,7 @@ class TopApp(App[None]):
         if isinstance(self.screen, Details):
             self.pop_screen()
         elif self.rows:
-            name = list(self.fleet)[self._table.cursor_row]
-            self.push_screen(Details(name), callback=None)
+            self.push_screen(Details(list(self.fleet)[self._table.cursor_row]), callback=None)
             self.call_after_refresh(self.refresh_fleet)
 
     def _order(self, what: str, future: Future[Any]) -> None:

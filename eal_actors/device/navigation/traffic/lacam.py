@@ -83,9 +83,8 @@ def _attempt(problem: TrafficProblem, chance: random.Random, max_work: int) -> l
     generator = StepGenerator(problem, chance)
     count = max(1, problem.size)
     distances = [table[start] for table, start in zip(problem.distances, problem.starts, strict=True)]
-    first = _Node(
-        problem.starts, None, [steps / len(problem.neighbours) + chance.random() / count for steps in distances]
-    )
+    priorities = [steps / len(problem.neighbours) + chance.random() / count for steps in distances]
+    first = _Node(problem.starts, None, priorities)
     known = {first.config: first}
     open_nodes = [first]
     least = problem.late(problem.starts)
