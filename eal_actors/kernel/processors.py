@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
 
-CROWD: Final = 16
+CROWD: Final = 8
 """Robots of one process from which their threads share a processor."""
 
 
