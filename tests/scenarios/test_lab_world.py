@@ -102,7 +102,7 @@ def test_the_robots_of_a_world_that_died_have_the_reason(tmp_path: Path) -> None
 def test_the_panorama_of_the_lab_shows_the_room(tmp_path: Path) -> None:
     """As `eal lab panorama --fleet lab-world`: the pictures of two robots at their wires are stitched to full rings."""
     with eal_processes(tmp_path) as start_eal:
-        out, err = start_eal("lab", "panorama", "--fleet", "lab-world").communicate(timeout=800)
+        out, err = start_eal("lab", "panorama", "--fleet", "lab-world", environment=os.environ).communicate(timeout=800)
     assert "panorama on lab-world: done" in out, out + err
     (run,) = (tmp_path / "runs").iterdir()
     for robot in ("evbot2-1", "evbot3-1"):
