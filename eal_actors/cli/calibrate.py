@@ -286,13 +286,17 @@ def _mm(length_m: float) -> str:
 
 
 def _result_as_json(result: _CalibrationResult, written: dict[str, WrittenCalibration]) -> dict[str, Any]:
-    files, fit = written.get(result.robot), result.fit
-    quality = {"left_over_m": fit.left_over_m, "steps": fit.steps, "is_doubtful": fit.is_doubtful}
+    files = written.get(result.robot)
     return {
         "wheelbase_m": result.wheelbase_m,
         "known": None if result.known is None else result.known.model_dump(),
         "before": _ends_as_json(result.before),
-        "fit": {**fit.calibration.model_dump(), **quality},
+        "fit": {
+            **result.fit.calibration.model_dump(),
+            "left_over_m": result.fit.left_over_m,
+            "steps": result.fit.steps,
+            "is_doubtful": result.fit.is_doubtful,
+        },
         "after": None if result.after is None else _ends_as_json(result.after),
         "factor": None if result.after is None else result.before.error_m / result.after.error_m,
         "file": None if files is None else str(files.file),

@@ -126,6 +126,12 @@ def _check_arguments(method: str, arguments: list[str]) -> tuple[_Call, list[str
 def _answer_as_json(answer: EALData | int) -> dict[str, Any]:
     if not isinstance(answer, EALData):
         return {"value": answer}
-    shape = None if answer.shape is None else list(answer.shape)
-    value = {"value": to_json(answer), "type": answer.type.value, "length": answer.length, "shape": shape}
-    return {**value, "unit": answer.unit, "frame_id": answer.frame_id, "stamp_s": answer.stamp_s}
+    return {
+        "value": to_json(answer),
+        "type": answer.type.value,
+        "length": answer.length,
+        "shape": None if answer.shape is None else list(answer.shape),
+        "unit": answer.unit,
+        "frame_id": answer.frame_id,
+        "stamp_s": answer.stamp_s,
+    }

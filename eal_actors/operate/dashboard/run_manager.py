@@ -219,10 +219,20 @@ class RunManager:
                 self._record_report(report)
 
     def _record_start(self, event: RunStarted) -> None:
-        about = {"phase": "running", "run": self._number, "scenario": event.scenario, "robots": list(event.robots)}
-        progress = {"calls": event.calls, "done": 0, "done_by": dict.fromkeys(event.robots, 0)}
-        started_s = self._fleet.clock.now() - event.time_s
-        self._set_status({**about, **progress, "started_s": started_s, "outcome": None, "error": None})
+        self._set_status(
+            {
+                "phase": "running",
+                "run": self._number,
+                "scenario": event.scenario,
+                "robots": list(event.robots),
+                "calls": event.calls,
+                "done": 0,
+                "done_by": dict.fromkeys(event.robots, 0),
+                "started_s": self._fleet.clock.now() - event.time_s,
+                "outcome": None,
+                "error": None,
+            }
+        )
 
     def _record_end(self, record: StepRecord, robot: str) -> None:
         self._steps.end(robot, record.step)
