@@ -53,6 +53,7 @@ class EmulatorWire(ABC):
         self._thread: threading.Thread | None = None
         self._stop_reader, self._stop_writer = socket.socketpair()
         self._is_drained = threading.Event()
+        self._has_ended = threading.Event()
         self.emulator = make()
 
     @abstractmethod
@@ -75,6 +76,7 @@ class EmulatorWire(ABC):
         """Create the port, with a new emulator behind it."""
         self.emulator = self._make()
         self._begin()
+        self._has_ended.clear()
         self._thread = threading.Thread(target=self._serve, name=f"emulator at {self.address}", daemon=True)
         self._thread.start()
 
@@ -94,9 +96,12 @@ class EmulatorWire(ABC):
             self._is_drained.wait(_DRAIN_S)
 
     def join(self) -> None:
-        """Wait until its emulator fails; a signal handler may end the wait. Thread: blocks the caller."""
+        """Wait until its emulator fails; a signal handler may end the wait. Thread: blocks the caller.
+
+        Python 3.11 takes a thread for ended whose `join` a signal handler ends: `unplug` would not wait for it.
+        """
         if self._thread is not None:
-            self._thread.join()
+            self._has_ended.wait()
 
     def close(self) -> None:
         """Unplug, and release all resources."""
@@ -105,6 +110,12 @@ class EmulatorWire(ABC):
         self._stop_writer.close()
 
     def _serve(self) -> None:
+        try:
+            self._transfer()
+        finally:
+            self._has_ended.set()
+
+    def _transfer(self) -> None:
         with selectors.DefaultSelector() as self._selector:
             self._selector.register(self._stop_reader, selectors.EVENT_READ)
             self._watch()

@@ -209,7 +209,7 @@ def test_no_emulator_outlives_the_lab(lab: Callable[[str], subprocess.Popen[str]
     process.send_signal(number)
     out, err = process.communicate(timeout=60)  # ends once all emulators, which inherited stderr, have ended
     assert process.returncode == {signal.SIGKILL: -signal.SIGKILL}.get(number, 130), out + err
-    assert "Traceback" not in err
+    assert "Traceback" not in err, err
     if number != signal.SIGKILL:
         assert "nod on quick: aborted" in out
         assert out.count("unknown") == 4
