@@ -13,7 +13,7 @@ from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.lock_step import MAX
 from eal_actors.kernel.log import get_logger
-from eal_actors.kernel.processors import sharing_processor
+from eal_actors.kernel.processors import sharing_processor, take_turns
 from eal_actors.managers.fleet_changes import FleetChanges
 from eal_actors.managers.fleet_model import FleetConfig, RobotConfig
 from eal_actors.managers.network_check import no_lock_step
@@ -30,6 +30,7 @@ class RobotStarter:
         self.config = config
         self._clock = clock
         self._local = sum(robot.address is None for robot in config.robots.values())
+        take_turns()
         self._plugins = EALPluginManager(config.plugin_dirs)
         makers = self._plugins.open_port, self._plugins.open_camera
         self.services = FleetServices(clock, config.seed, config.world, *makers)

@@ -13,7 +13,7 @@ from eal_actors.device.info import unknown_name
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ConfigError, EALError, Problem, UnsupportedError, file_error
 from eal_actors.kernel.log import get_logger
-from eal_actors.kernel.processors import sharing_processor
+from eal_actors.kernel.processors import sharing_processor, take_turns
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_changes import FleetChanges
 from eal_actors.managers.fleet_model import FleetConfig
@@ -246,5 +246,6 @@ def _hosting(config: FleetConfig, robots: Sequence[str]) -> Iterator[tuple[Robot
 
 def _local(config: FleetConfig, robots: Iterable[str]) -> FleetConfig:
     """Return the fleet of some robots, in this process, which is going to have sessions."""
+    take_turns()
     limit_heaps()
     return replace(config, robots={name: replace(config.robots[name], address=None, listen=None) for name in robots})

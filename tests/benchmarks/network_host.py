@@ -20,7 +20,7 @@ from eal_actors.device.data import EALData
 from eal_actors.device.info import ResourceType
 from eal_actors.device.resource import Activity, Resource, command
 from eal_actors.kernel.clock import SystemClock
-from eal_actors.kernel.processors import sharing_processor
+from eal_actors.kernel.processors import sharing_processor, take_turns
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.wire.rpc.server.host import RobotHost
@@ -106,10 +106,11 @@ def bare_config(*, listen: int | None = None, connect: int | None = None) -> zen
 def serving(robots: int, port: int) -> Iterator[None]:
     """Serve robots at a port."""
     config = fleet_of(robots, port)
+    take_turns()  # as serve_together
     with ExitStack() as stack:
         session = stack.enter_context(open_session(robot_config(config, "bot1")))
         host = RobotHost(config.name, session, config.network)
-        stack.enter_context(sharing_processor(robots))  # as serve_together
+        stack.enter_context(sharing_processor(robots))
         host.launch()
         stack.callback(host.close, 5.0)
         for name in config.robots:

@@ -1,10 +1,10 @@
-"""The threads of many robots of one process share a processor; those of few, and the program's own, use all."""
+"""The threads of many robots of one process share a processor; no thread of a fleet preempts the one that wakes it."""
 
 from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import pytest
@@ -32,6 +32,13 @@ def processors_of_robots() -> list[set[int]]:
     return [os.sched_getaffinity(thread.native_id) for thread in threads if thread.native_id is not None]
 
 
+def run(action: Callable[[], None]) -> None:
+    """Run an action in a thread of its own."""
+    thread = threading.Thread(target=action)
+    thread.start()
+    thread.join()
+
+
 def test_a_crowd_shares_a_processor() -> None:
     mine = os.sched_getaffinity(0)
     with fleet_of(CROWD) as fleet:
@@ -45,3 +52,27 @@ def test_a_crowd_shares_a_processor() -> None:
 def test_few_robots_use_all_processors() -> None:
     with fleet_of(CROWD - 1):
         assert all(used == os.sched_getaffinity(0) for used in processors_of_robots())
+
+
+def test_threads_of_a_fleet_do_not_preempt_those_that_wake_them() -> None:
+    policies: list[int] = []
+
+    def connect() -> None:  # in a thread, since the policy stays
+        with fleet_of(1):
+            threads = [thread.native_id or 0 for thread in threading.enumerate() if thread.name.startswith("r")]
+            policies.extend(os.sched_getscheduler(thread) for thread in (0, *threads))
+
+    run(connect)
+    assert policies == [os.SCHED_BATCH] * 3
+
+
+def test_a_policy_that_the_user_has_chosen_stays() -> None:
+    policies: list[int] = []
+
+    def connect() -> None:
+        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+        with fleet_of(1):
+            policies.append(os.sched_getscheduler(0))
+
+    run(connect)
+    assert policies == [os.SCHED_IDLE]
