@@ -235,7 +235,8 @@ class RobotHandle(RobotParts, Mapping[str, ResourceHandle]):
             self._view.started.get(timeout=timeout_s)
         except WaitTimeoutError:
             late = [name for name, cell in self._view.cells.items() if cell.actor is None]
-            what = f"{', '.join(late)} did not start" if late else "its plugins did not connect"
+            idle = "it did not answer" if self.is_remote else "its plugins did not connect"
+            what = f"{', '.join(late)} did not start" if late else idle
             raise UnavailableError(f"{what} within {timeout_s + waited_s:.3g} s", robot=self.name) from None
         self._check_state()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from eal_actors.kernel.errors import (
     UnavailableError,
     UnsupportedError,
 )
+from tests.log_lines import log_lines
 from tests.net.links import Wire, eventually, free_port
 from tests.net.rig import WAIT_S, Rig, becomes, failure, other_clock, outlast_ttl, process, ready, served, servers
 
@@ -155,6 +157,17 @@ def test_half_of_a_fleet_is_absent(tmp_path: Path) -> None:
         assert gather(robot["Arm"].send_cmd("step2") for robot in fleet.values()).get() == [2] * 4
         assert not fleet.problems
     assert rig.never_twice()
+
+
+def test_a_robot_that_is_late_is_reported_by_what_it_has_not_done(tmp_path: Path) -> None:
+    fleet = Fleet(Rig(tmp_path, ("absent",)).config)
+    try:
+        with log_lines() as log:
+            fleet.connect(timeout_s=0.2)
+        late = next(json.loads(line) for line in log.getvalue().splitlines() if "robot is late" in line)
+        assert (late["robot"], late["reason"]) == ("absent", "it did not answer within 0.2 s")
+    finally:
+        fleet.close()
 
 
 def test_who_is_there_is_up_before_the_absent_are_given_up(tmp_path: Path) -> None:
