@@ -221,6 +221,7 @@ class Build:
             pruning.prune_tree(out, image.prune, image.keep)
             slimming.strip_libraries(out / tree.SITE)
             slimming.drop_languages(out)
+            slimming.drop_spare_libraries(out)
             bytecode.compile_tree(
                 out, ["usr/lib/python3.11", tree.SITE], sourceless=image.sourceless, skip=f"/{bytecode.OPENCV}/"
             )

@@ -1,4 +1,4 @@
-"""Shared libraries without what no program reads: the symbols of compiled wheels, ICU's data of languages."""
+"""Shared libraries: without symbols and languages that no program reads, and without those that nothing needs."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from evbotos.errors import BuildError
+from evbotos.tree import needed_libraries
 
 _ELF: Final = b"\x7fELF"
 _ICU_HEADER: Final = re.compile(rb"(?s)(..)\xda\x27.{8}CmnD")
@@ -34,6 +35,9 @@ _LAYOUTS: Final = {
     1: _Layout("I", 28, 42, 4, 16, 32, 46, 40),
     2: _Layout("Q", 32, 54, 8, 32, 40, 58, 64),
 }
+
+_SPARE: Final = ("libBrokenLocale", "libexpatw", "libmvec", "libtic", "libzstd")
+"""Libraries that come with packages of every image, and that no program loads by name at run time."""
 
 
 def strip_library(content: bytes) -> bytes:
@@ -104,3 +108,18 @@ def drop_languages(root: Path) -> None:
     for path in root.glob("usr/lib/*/libicudata.so.*"):
         if not path.is_symlink():
             path.write_bytes(without_languages(path.read_bytes()))
+
+
+def drop_spare_libraries(root: Path) -> None:
+    """Remove those of a few libraries that no program of a tree needs, and no script for its linker names."""
+    needed = set(needed_libraries(root))
+    scripts = b"".join(
+        path.read_bytes()
+        for path in root.glob("usr/lib/*/*.so")
+        if not path.is_symlink() and path.stat().st_size < 4096
+    )
+    for name in _SPARE:
+        files = list(root.glob(f"usr/lib/*/{name}.so*"))
+        if not any(path.name in needed or path.name.encode() in scripts for path in files):
+            for path in files:
+                path.unlink()

@@ -114,22 +114,25 @@ def normalise(root: Path) -> None:
     root.chmod(0o755)
 
 
-def missing_libraries(root: Path, optional: Sequence[str] = ()) -> dict[str, list[str]]:
-    """Return the missing shared libraries of a tree with the programs that need them."""
+def needed_libraries(root: Path) -> dict[str, list[str]]:
+    """Return the shared libraries that programs and libraries of a tree need, with those that need them."""
     programs = [path for path in root.rglob("*") if _is_elf(path)]
-    there = {path.name for path in root.rglob("*.so*")}
-    missing: dict[str, list[str]] = {}
+    needed: dict[str, list[str]] = {}
     if not programs:
-        return missing
+        return needed
     owner = ""
     for line in run([tool("readelf"), "-d", "-W", *programs]).splitlines():
         if line.startswith("File: "):
             owner = line.removeprefix("File: ").removeprefix(f"{root}/")
         elif "(NEEDED)" in line:
-            library = line.partition("[")[2].rstrip("]")
-            if library not in there and library not in optional:
-                missing.setdefault(library, []).append(owner)
-    return missing
+            needed.setdefault(line.partition("[")[2].rstrip("]"), []).append(owner)
+    return needed
+
+
+def missing_libraries(root: Path, optional: Sequence[str] = ()) -> dict[str, list[str]]:
+    """Return the missing shared libraries of a tree with the programs that need them."""
+    there = {path.name for path in root.rglob("*.so*")}
+    return {name: users for name, users in needed_libraries(root).items() if name not in there and name not in optional}
 
 
 def _is_elf(path: Path) -> bool:

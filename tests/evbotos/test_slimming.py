@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import shutil
 import struct
 import subprocess
@@ -11,8 +12,12 @@ from pathlib import Path
 
 import pytest
 
+from evbotos.definitions import load_definitions
 from evbotos.errors import BuildError
-from evbotos.slimming import drop_languages, strip_libraries, strip_library, without_languages
+from evbotos.fields import ROOTFS
+from evbotos.project import project_files
+from evbotos.pruning import left_out
+from evbotos.slimming import drop_languages, drop_spare_libraries, strip_libraries, strip_library, without_languages
 
 ITEMS = {
     "icudt72l/coll/ucadata.icu": b"order",
@@ -98,3 +103,44 @@ def test_who_sorts_by_language_keeps_the_data(tmp_path: Path, sorts: bool) -> No
         (folder / "libicui18n.so.72").touch()
     drop_languages(tmp_path)
     assert (b"Sprache" in (folder / "libicudata.so.72").read_bytes()) is sorts
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+def test_libraries_go_unless_a_program_or_a_linker_needs_them(tmp_path: Path) -> None:
+    folder = tmp_path / "usr/lib/x86_64-linux-gnu"
+    folder.mkdir(parents=True)
+    for name in ("libzstd", "libexpatw", "libother"):
+        library = folder / f"{name}.so.1.2"
+        subprocess.run(["gcc", "-shared", f"-Wl,-soname,{name}.so.1", "-o", library, "-xc", "/dev/null"], check=True)
+        (folder / f"{name}.so.1").symlink_to(library.name)
+    (tmp_path / "usr/bin").mkdir()
+    options = ["-Wl,--no-as-needed", f"-L{folder}", "-l:libzstd.so.1"]
+    subprocess.run(["gcc", "-shared", "-o", tmp_path / "usr/bin/git", "-xc", "/dev/null", *options], check=True)
+    (folder / "libmvec.so.1").touch()
+    (folder / "libtic.so.6").touch()
+    (folder / "libm.so").write_text("GROUP ( libm.so.6 AS_NEEDED ( libmvec.so.1 ) )")
+    drop_spare_libraries(tmp_path)
+    kept = ["libm.so", "libmvec.so.1", "libother.so.1", "libother.so.1.2", "libzstd.so.1", "libzstd.so.1.2"]
+    assert sorted(path.name for path in folder.iterdir()) == kept
+
+
+def imported(source: Path) -> set[str]:
+    """Return the modules of Python that a program imports."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(source.read_bytes())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module is not None:
+            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return {name for name in names if name.partition(".")[0] in sys.stdlib_module_names}
+
+
+@pytest.mark.parametrize("name", ["robot", "wireless", "vision", "octave-robot", "dev"])
+def test_what_robots_import_of_python_stays(name: str) -> None:
+    image = load_definitions().image(name)
+    programs = [path for _, path in project_files() if path.suffix == ".py"]
+    programs += ROOTFS.glob("**/usr/lib/evbotos/*.py")
+    modules = {module.replace(".", "/") for program in programs for module in imported(program)}
+    paths = [f"usr/lib/python3.11/{module}{end}" for module in sorted(modules) for end in (".py", "/__init__.py")]
+    assert len(paths) > 200
+    assert left_out(paths, image.prune, image.keep) == []
