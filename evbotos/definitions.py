@@ -57,7 +57,7 @@ class Definitions:
             wanted = ", ".join(what.architectures)
             message = f"the image {image} is for {wanted}; the platform {platform} is {board.architecture}"
             raise file_error("images", message)
-        return _with_fragments(board, what), what
+        return _for_image(board, what), what
 
     def lock_path(self, platform: Platform, image: Image) -> Path:
         """Return the lock file of an image: the user's own if `local.yaml` changes its contents."""
@@ -103,13 +103,15 @@ def fits(platform: Platform, image: Image) -> bool:
     return not image.architectures or platform.architecture in image.architectures
 
 
-def _with_fragments(platform: Platform, image: Image) -> Platform:
-    """Return a platform whose kernel has the drivers of an image; Debian's kernels have them anyway."""
-    kernel = platform.kernel
-    if not isinstance(kernel, Kernel) or not image.kernel_fragments:
-        return platform
-    fragments = tuple(dict.fromkeys([*kernel.fragments, *image.kernel_fragments]))
-    return platform.model_copy(update={"kernel": kernel.model_copy(update={"fragments": fragments})})
+def _for_image(platform: Platform, image: Image) -> Platform:
+    """Return a platform with the drivers and the firmware that an image needs; Debian's kernels have all drivers."""
+    wifi = platform.wifi if "wifi" in image.services else None
+    changed: dict[str, object] = {} if wifi is None else {"packages": (*platform.packages, *wifi.packages)}
+    added = (*image.kernel_fragments, *(wifi.kernel_fragments if wifi is not None else ()))
+    if isinstance(kernel := platform.kernel, Kernel) and added:
+        fragments = tuple(dict.fromkeys([*kernel.fragments, *added]))
+        changed["kernel"] = kernel.model_copy(update={"fragments": fragments})
+    return platform.model_copy(update=changed)
 
 
 def _known(kind: str, name: str, found: dict[str, _M]) -> _M:

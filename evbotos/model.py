@@ -148,6 +148,15 @@ class Emulator(StrictModel):
     """Whether the machine has a bus for a random number generator and a USB controller."""
 
 
+class OwnWifi(StrictModel):
+    """What the Wi-Fi of a board needs, beside that of USB adapters, in images with the service `wifi`."""
+
+    packages: Annotated[tuple[PackageName, ...], Field(strict=False)]
+    """Its firmware."""
+    kernel_fragments: Fragments
+    """Files of `evbotos/kernel/` with its drivers."""
+
+
 class Platform(StrictModel):
     """A kind of board."""
 
@@ -180,6 +189,8 @@ class Platform(StrictModel):
     """Archive components besides `main`, such as `non-free-firmware`."""
     packages: Annotated[tuple[PackageName, ...], Field(strict=False)] = ()
     """The packages of every image of this platform."""
+    wifi: OwnWifi | None = None
+    """The Wi-Fi of the board itself; None if it has none."""
     emulator: Emulator | None = None
 
     @field_validator("wheel_tags", "kernel", "boot", "emulator")

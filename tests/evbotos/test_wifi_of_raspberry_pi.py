@@ -1,0 +1,64 @@
+"""The Wi-Fi of Raspberry Pis in the image `wireless`: driver and firmware, in QEMU, which has none of the radios."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from eal_actors.kernel.log import get_logger
+from evbotos.build import Build
+from evbotos.definitions import load_definitions
+from evbotos.hosttools import find_tool, needed_for
+from evbotos.qemu import Machine
+from tests.evbotos.proof import SERVES, Proof, answer, give_keys, started, wait_for_words
+
+RADIOS = {
+    "raspberrypi,3-model-b": "43430",
+    "raspberrypi,3-model-b-plus": "43455",
+    "raspberrypi,3-model-a-plus": "43455",
+    "raspberrypi,4-model-b": "43455",
+}
+"""The chips, by the names of the boards in their device trees."""
+_LOG = get_logger()
+
+pytestmark = [pytest.mark.evbotos, pytest.mark.slow, pytest.mark.timeout(3600)]
+
+
+@pytest.fixture(scope="module")
+def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Proof, Machine]]:
+    """A started Raspberry Pi 3 with the image."""
+    folder = tmp_path_factory.mktemp("wifi")
+    found = load_definitions()
+    platform, image = found.chosen("raspberry-pi", "wireless")
+    missing = [name for name in (*needed_for(platform), "qemu-system-aarch64", "ssh") if find_tool(name) is None]
+    if missing:
+        pytest.skip(f"not installed: {', '.join(missing)} (make evbotos-setup)")
+    fleet, local = give_keys(folder)
+    built = Build(platform, image, local, found.lock_path(platform, image), _LOG.info).run(folder / "out")
+    _LOG.warning(f"root and kernel {built.report['root_with_kernel_mb']} MB")
+    proof = Proof(platform, image, built, fleet, folder / "robot", folder / "ssh", folder / "update.pem")
+    disk = Path(shutil.copyfile(built.folder / "disk.img", folder / "disk.img"))
+    with started(proof, disk) as machine:
+        wait_for_words(machine, SERVES)
+        yield proof, machine
+
+
+def test_each_board_with_a_radio_finds_its_firmware_and_settings(machine: tuple[Proof, Machine]) -> None:
+    """The driver asks for these names; see brcmf_fw_alloc_request of Linux."""
+    proof, booted = machine
+    for board, chip in RADIOS.items():
+        for name in (f"{chip}-sdio.bin", f"{chip}-sdio.clm_blob", f"{chip}-sdio.{board}.txt"):
+            answer(proof, booted, f"test -s /lib/firmware/brcm/brcmfmac{name}")
+    assert answer(proof, booted, "cat /proc/device-tree/compatible").split("\0")[0] in RADIOS
+    assert answer(proof, booted, "ls /lib/firmware/brcm | wc -l").strip() == "9"
+
+
+def test_the_kernel_has_the_driver_and_the_system_waits_for_a_radio(machine: tuple[Proof, Machine]) -> None:
+    proof, booted = machine
+    assert answer(proof, booted, "ls /sys/bus/sdio/drivers").split() == ["brcmfmac"]
+    assert "rtl8xxxu" in answer(proof, booted, "ls /sys/bus/usb/drivers")
+    assert "country" in answer(proof, booted, "iw reg get")
+    assert answer(proof, booted, "pgrep -f 'sleep 3'")  # the three services look for a radio again and again
