@@ -16,6 +16,7 @@ from evbotos import (
     grub,
     kernel,
     licences,
+    overlays,
     packaged_kernel,
     project,
     pruning,
@@ -32,6 +33,7 @@ from evbotos import (
 )
 from evbotos.apt_sources import sources_for
 from evbotos.errors import BuildError
+from evbotos.fields import overlay_file
 from evbotos.hashing import file_sha256, files_sha256, key_of
 from evbotos.hosttools import needed_for, require
 from evbotos.lock import Lock, LockedPackage, read_lock, require_lock
@@ -121,6 +123,8 @@ class Build:
             lock = self._lock(update_lock)
             debs, wheels = self._fetch(lock)
             kernel_folder = self.runner.run(self._kernel_step(lock))
+            if self._platform.overlays:
+                kernel_folder = self.runner.run(self._overlays_step(kernel_folder))
             base = self.runner.run(self._base_step(lock, debs, wheels))
             initrd = self.runner.run(self._initrd_step(lock, kernel_folder, base)) if self._is_packaged else None
             root = self.runner.run(self._root_step(lock, base))
@@ -199,6 +203,16 @@ class Build:
                 kernel.build_kernel(wanted, package, out, self._cache)
 
         return Step("kernel", kernel_key(self._platform, lock), make)
+
+    def _overlays_step(self, kernel_folder: Path) -> Step:
+        names = self._platform.overlays
+        trees = [Path(tree).name for tree in self._platform.kernel.device_trees]
+
+        def make(out: Path) -> None:
+            overlays.write_trees(kernel_folder, trees, names, out)
+
+        contents = [file_sha256(overlay_file(name)) for name in names]
+        return Step("overlays", key_of([kernel_folder.name, contents, trees], overlays), make)
 
     def _initrd_step(self, lock: Lock, kernel_folder: Path, base: Path) -> Step:
         inputs = [kernel_folder.name, base.name, lock.epoch, file_sha256(packaged_kernel.INIT)]

@@ -87,7 +87,7 @@ def load_definitions(local: Path | None = None, folder: Path = FOLDER) -> Defini
     images = {name: _with_includes(name, raw, folder, problems, ()) for name in raw}
     if problems:
         raise ConfigError(set(problems))
-    own_platforms = {name: _with_own_kernel(platform, settings) for name, platform in platforms.items()}
+    own_platforms = {name: _with_own_parts(platform, settings) for name, platform in platforms.items()}
     own_images = {name: _overridden(image, settings) for name, image in images.items()}
     changed = {
         (platform.name, image.name)
@@ -169,9 +169,12 @@ def _with_includes(
     return image.model_copy(update={**joined, "architectures": architectures, "project": project})
 
 
-def _with_own_kernel(platform: Platform, local: Local) -> Platform:
+def _with_own_parts(platform: Platform, local: Local) -> Platform:
     over = local.platforms.get(platform.name)
-    return platform if over is None else platform.model_copy(update={"kernel": over.kernel})
+    if over is None:
+        return platform
+    overlays = tuple(dict.fromkeys([*platform.overlays, *over.overlays]))
+    return platform.model_copy(update={"kernel": over.kernel or platform.kernel, "overlays": overlays})
 
 
 def _overridden(image: Image, local: Local) -> Image:

@@ -22,6 +22,8 @@ ROOTFS: Final = Path(__file__).parent / "rootfs"
 """The parent of the files that images copy onto their root."""
 FRAGMENTS: Final = Path(__file__).parent / "kernel"
 """The parent of the parts of kernels' configurations."""
+OVERLAYS: Final = Path(__file__).parent / "overlays"
+"""The parent of the device tree overlays."""
 _SCHEMES: Final = ("http", "https", "file", "ftp")
 _SECURITY_KEYS: Final = ("sk-ssh-ed25519@openssh.com AAAA", "sk-ecdsa-sha2-nistp256@openssh.com AAAA")
 KERNEL_MB: Final = 6
@@ -98,6 +100,18 @@ def _file_name(name: str) -> str:
     return name
 
 
+def overlay_file(name: str) -> Path:
+    """Return the file of an overlay: one of `evbotos/overlays/`, or a user's own."""
+    return bundled if (bundled := OVERLAYS / name).is_file() else Path(name)
+
+
+def _overlay(name: str) -> str:
+    if not overlay_file(name).is_file():
+        known = [path.name for path in OVERLAYS.glob("*.dts")]
+        raise ValueError(f"there is no file {name}, here or in evbotos/overlays{did_you_mean(name, known)}")
+    return name
+
+
 def _folder(place: str) -> str:
     if not Path(place).is_dir():
         raise ValueError(f"there is no folder {place}")
@@ -114,6 +128,7 @@ FileName = Annotated[str, AfterValidator(_file_name)]
 ServiceName = Annotated[Name, AfterValidator(_service)]
 LayerName = Annotated[Name, AfterValidator(_layer)]
 Fragments = Annotated[tuple[Annotated[str, AfterValidator(_fragment)], ...], Field(strict=False)]
+Overlays = Annotated[tuple[Annotated[Text, AfterValidator(_overlay)], ...], Field(strict=False)]
 Mirror = Annotated[str, AfterValidator(_mirror)]
 SshKey = Annotated[str, AfterValidator(_ssh_key)]
 Mebibytes = Annotated[int, Field(gt=0, le=LARGEST_MIB)]

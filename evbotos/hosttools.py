@@ -29,6 +29,8 @@ PACKAGES: Final = {
     "veritysetup": "cryptsetup-bin",
     "grub-mkimage": "grub-common",
     "mkimage": "u-boot-tools",
+    "dtc": "device-tree-compiler",
+    "fdtoverlay": "device-tree-compiler",
     "fdtput": "device-tree-compiler",
     "gcc": "gcc",
     "make": "make",
@@ -63,6 +65,7 @@ _KERNEL: Final = (
 _DISK: Final = ("sfdisk", "mformat", "mcopy", "mke2fs", "veritysetup")
 _GRUB: Final = ("grub-mkimage",)
 _U_BOOT: Final = ("mkimage",)
+_OVERLAYS: Final = ("dtc", "fdtoverlay")
 _ADMIN_FOLDERS: Final = ("/usr/sbin", "/sbin")
 
 
@@ -74,6 +77,8 @@ def needed_for(platform: Platform) -> list[str]:
     tools += {"grub": _GRUB, "u-boot": _U_BOOT, "none": ()}[platform.loader]
     if platform.emulator is not None and platform.emulator.lacks:
         tools.append("fdtput")
+    if platform.overlays:
+        tools += _OVERLAYS
     if isinstance(platform.kernel, Kernel):
         tools += _KERNEL
         if platform.kernel.cross is not None:

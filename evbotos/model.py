@@ -28,6 +28,7 @@ from evbotos.fields import (
     LayerName,
     Mebibytes,
     Mirror,
+    Overlays,
     PackageName,
     ServiceName,
     SshKey,
@@ -191,6 +192,8 @@ class Platform(StrictModel):
     """The packages of every image of this platform."""
     wifi: OwnWifi | None = None
     """The Wi-Fi of the board itself; None if it has none."""
+    overlays: Overlays = ()
+    """Device tree overlays: files of `evbotos/overlays/` or others; later ones override earlier ones."""
     emulator: Emulator | None = None
 
     @field_validator("wheel_tags", "kernel", "boot", "emulator")
@@ -240,7 +243,9 @@ class Platform(StrictModel):
 class PlatformOverride(StrictModel):
     """A user's changes to a platform."""
 
-    kernel: AnyKernel
+    kernel: AnyKernel | None = None
+    overlays: Overlays = ()
+    """Further overlays."""
 
 
 class Budget(StrictModel):

@@ -47,7 +47,7 @@ def compiled_of(platform: Platform, image: Image) -> list[str]:
     return sorted(set(image.wheels) & set(platform.compiled_wheels))
 
 
-_BEFORE_DISK: Final = ("compiled", "kernel", "base", "initrd", "root", "squash", "verity", "board", "grub")
+_BEFORE_DISK: Final = ("compiled", "kernel", "overlays", "base", "initrd", "root", "squash", "verity", "board", "grub")
 _STEPS: Final = (*_BEFORE_DISK, "disk", "sizes", "bill", "emulator")
 
 
@@ -97,6 +97,7 @@ def step_names(platform: Platform, image: Image) -> list[str]:
     """Return the names of the steps of a build, in their order."""
     is_there = {
         "compiled": bool(compiled_of(platform, image)),
+        "overlays": bool(platform.overlays),
         "initrd": isinstance(platform.kernel, PackagedKernel),
         "board": platform.loader == "u-boot",
         "grub": platform.loader == "grub",
@@ -117,6 +118,7 @@ def _steps(platform: Platform, image: Image) -> list[str]:
     else:
         kernel_step = f"kernel: unpack {kernel.package}, with an initial RAM disk of {', '.join(kernel.modules)}"
     compiled = compiled_of(platform, image)
+    trees = [f"overlays: apply {', '.join(platform.overlays)} to the device trees"] if platform.overlays else []
     cross = [f"compiled: compile wheels of {', '.join(compiled)} from source"] if compiled else []
     stand_ins = ["emulator: QEMU's substitutes for the board's ROM and device tree"] if platform.needs_stand_ins else []
     return [
@@ -124,6 +126,7 @@ def _steps(platform: Platform, image: Image) -> list[str]:
         "wheels: fetch Python packages, by their locked hashes",
         *cross,
         kernel_step,
+        *trees,
         "base: unpack, prune, compile Python, check for missing libraries",
         f"root: add {', '.join(image.services)}" + (", and this project" if image.project else ""),
         f"squash: compress with {platform.compression}",

@@ -1,4 +1,4 @@
-"""The Wi-Fi of Raspberry Pis in the image `wireless`: driver and firmware, in QEMU, which has none of the radios."""
+"""Raspberry Pis with Wi-Fi and SPI: drivers, firmware and devices, in QEMU, which has neither radios nor an SPI bus."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from evbotos.build import Build
 from evbotos.definitions import load_definitions
 from evbotos.hosttools import find_tool, needed_for
 from evbotos.qemu import Machine
-from tests.evbotos.proof import SERVES, Proof, answer, give_keys, started, wait_for_words
+from tests.evbotos.proof import SERVES, Proof, answer, give_keys, ssh, started, wait_for_words, wait_until
+from tests.evbotos.test_buses import AS_USER, does
 
 RADIOS = {
     "raspberrypi,3-model-b": "43430",
@@ -29,10 +30,11 @@ pytestmark = [pytest.mark.evbotos, pytest.mark.slow, pytest.mark.timeout(3600)]
 
 @pytest.fixture(scope="module")
 def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Proof, Machine]]:
-    """A started Raspberry Pi 3 with the image."""
+    """A started Raspberry Pi 3 with the image `wireless` and an overlay."""
     folder = tmp_path_factory.mktemp("wifi")
     found = load_definitions()
-    platform, image = found.chosen("raspberry-pi", "wireless")
+    board, image = found.chosen("raspberry-pi", "wireless")
+    platform = board.model_copy(update={"overlays": ("raspberry-pi-spi.dts",)})
     missing = [name for name in (*needed_for(platform), "qemu-system-aarch64", "ssh") if find_tool(name) is None]
     if missing:
         pytest.skip(f"not installed: {', '.join(missing)} (make evbotos-setup)")
@@ -62,3 +64,14 @@ def test_the_kernel_has_the_driver_and_the_system_waits_for_a_radio(machine: tup
     assert "rtl8xxxu" in answer(proof, booted, "ls /sys/bus/usb/drivers")
     assert "country" in answer(proof, booted, "iw reg get")
     assert answer(proof, booted, "pgrep -f 'sleep 3'")  # the three services look for a radio again and again
+
+
+def test_the_overlay_gives_the_robot_two_spi_devices(machine: tuple[Proof, Machine]) -> None:
+    proof, booted = machine
+    answer(proof, booted, "cat >/run/as_user.py", AS_USER.encode())
+    both = "stat -c %G /dev/spidev0.0 /dev/spidev0.1"
+    wait_until(booted, "two devices", lambda: ssh(proof, booted, both).stdout.split() == ["spi", "spi"])
+    for number in range(2):
+        device = f"/dev/spidev0.{number}"
+        assert does(machine, f"print(open('{device}', 'r+b', 0).fileno() > 2)") == "True"
+        assert "Permission denied" in does(machine, f"open('{device}')", "mdns")

@@ -1,0 +1,41 @@
+"""Device tree overlays: changes to the device trees of a board, such as a bus on its pins, that a user selects.
+
+An overlay is a source file of the device tree compiler. Its targets are paths (`target-path`), since the trees of the
+kernel have no symbols.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from evbotos.errors import BuildError
+from evbotos.fields import overlay_file
+from evbotos.hosttools import tool
+from evbotos.shell import run
+
+
+def write_trees(kernel_folder: Path, trees: Sequence[str], overlays: Sequence[str], out: Path) -> None:
+    """Copy the folder of a kernel, and apply overlays to its device trees.
+
+    Args:
+        kernel_folder: the folder.
+        trees: the file names of its device trees.
+        overlays: see `overlay_file`.
+        out: the new folder.
+
+    Raises:
+        BuildError: an overlay is malformed, or does not fit a device tree.
+    """
+    shutil.copytree(kernel_folder, out)
+    with TemporaryDirectory() as folder:
+        for number, name in enumerate(overlays):
+            compiled = Path(folder) / f"{number}.dtbo"
+            run([tool("dtc"), "-q", "-@", "-I", "dts", "-O", "dtb", "-o", compiled, overlay_file(name)])
+            for tree in trees:
+                try:
+                    run([tool("fdtoverlay"), "-i", out / tree, "-o", out / tree, compiled])
+                except BuildError as error:
+                    raise BuildError(f"the overlay {name} does not fit {tree}: {error}") from None
