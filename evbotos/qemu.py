@@ -46,9 +46,13 @@ class Machine:
         self._control = control
         self._answers: IO[bytes] = control.makefile("rb")
         self.console = console
-        json.loads(self._answers.readline())
-        self.ask("qmp_capabilities")
-        self.ports = forwarded(self.monitor("info usernet"))
+        try:
+            self._answers.readline()  # its greeting
+            self.ask("qmp_capabilities")
+            self.ports = forwarded(self.monitor("info usernet"))
+        except BaseException:
+            self._hang_up()
+            raise
 
     def ask(self, command: str, **arguments: object) -> Any:
         """Execute a command of QEMU's machine protocol and return its result.
@@ -94,6 +98,9 @@ class Machine:
         """End QEMU and release its resources."""
         if self.is_running():
             self.kill()
+        self._hang_up()
+
+    def _hang_up(self) -> None:
         self._answers.close()
         self._control.close()
 
@@ -234,7 +241,7 @@ def running(
     """
     if platform.emulator is None:
         raise BuildError(f"QEMU cannot emulate {platform.name}")
-    with TemporaryDirectory(prefix="evbotos-") as work:
+    with TemporaryDirectory(prefix="evbotos-") as work, _as_card(disk, platform.emulator):
         control = Path(work) / "qmp"
         memory_mb = memory_mb or platform.emulator.memory_mb
         said = Path(work) / "said"
@@ -243,7 +250,7 @@ def running(
             argv = [tool("setpriv"), "--pdeathsig", "KILL", *argv]  # it must not outlive a killed program
             process = subprocess.Popen(argv, stdin=subprocess.DEVNULL, stdout=errors, stderr=errors)  # noqa: S603
         try:
-            machine = Machine(process, _connect(process, control, said), console)
+            machine = _machine(process, control, console, said)
         except BaseException:
             process.kill()
             process.wait(_END_S)
@@ -252,6 +259,26 @@ def running(
             yield machine
         finally:
             machine.close()
+
+
+@contextmanager
+def _as_card(disk: Path, emulator: Emulator) -> Iterator[None]:
+    """Let the size of a disk be a power of two in a `with` block, if it is a card: QEMU takes no others."""
+    size = disk.stat().st_size
+    if emulator.disk == "sd":
+        os.truncate(disk, 1 << (size - 1).bit_length())
+    try:
+        yield
+    finally:
+        os.truncate(disk, size)
+
+
+def _machine(process: subprocess.Popen[bytes], control: Path, console: Path, said: Path) -> Machine:
+    end = _connect(process, control, said)
+    try:
+        return Machine(process, end, console)
+    except (BuildError, OSError) as error:
+        raise BuildError(f"qemu does not start: {said.read_text(errors='replace').strip() or error}") from error
 
 
 def _connect(process: subprocess.Popen[bytes], path: Path, said: Path) -> socket.socket:
