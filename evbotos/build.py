@@ -211,8 +211,8 @@ class Build:
         def make(out: Path) -> None:
             overlays.write_trees(kernel_folder, trees, names, out)
 
-        contents = [file_sha256(overlay_file(name)) for name in names]
-        return Step("overlays", key_of([kernel_folder.name, contents, trees], overlays), make)
+        inputs = [kernel_folder.name, [file_sha256(overlay_file(name)) for name in names], trees]
+        return Step("overlays", key_of(inputs, overlays), make)
 
     def _initrd_step(self, lock: Lock, kernel_folder: Path, base: Path) -> Step:
         inputs = [kernel_folder.name, base.name, lock.epoch, file_sha256(packaged_kernel.INIT)]
@@ -346,16 +346,8 @@ class Build:
         if left_out:
             self._warn(f"left out of the robot's files, because they belong to others: {', '.join(left_out)}")
         layout, platform = self._image.layout, self._platform
-        inputs = [
-            verified.name,
-            kernel_folder.name,
-            board and board.name,
-            images and images.name,
-            layout.model_dump(),
-            platform.loader,
-            disk.kernel_line(platform),
-            lock.epoch,
-        ]
+        parts = [part and part.name for part in (verified, kernel_folder, board, images)]
+        inputs = [*parts, layout.model_dump(), platform.loader, disk.kernel_line(platform), lock.epoch]
         contents = [(name, hashed) for name, (hashed, _) in sorted(gathered.items())]
 
         def make(out: Path) -> None:
@@ -384,19 +376,14 @@ class Build:
         on_disk = set(platform.disk_packages)
         loaders = [package for package in lock.build_packages if package.name in on_disk]
         names = [package.name for package in lock.packages if package.name not in left_out]
-        inputs = [
-            lock.model_dump(mode="json"),
-            sorted(left_out),
-            sorted(on_disk),
-            platform.architecture,
-            platform.suite,
-        ]
+        about = platform.architecture, platform.suite
+        inputs = [lock.model_dump(mode="json"), sorted(left_out), sorted(on_disk), *about]
 
         def make(out: Path) -> None:
             files = {**dict(zip(names, debs, strict=True)), **self._boot_packages(loaders)}
             origins = licences.with_shared({name: licences.debian_origin(deb) for name, deb in files.items()})
             origins |= {licences.wheel_name(wheel): licences.wheel_origin(wheel) for wheel in wheels}
-            bill = sbom.bill_of_materials(lock, left_out, on_disk, platform.architecture, platform.suite, origins)
+            bill = sbom.bill_of_materials(lock, left_out, on_disk, *about, origins)
             out.write_text(bill)
 
         return Step("bill", key_of(inputs, sbom, licences), make)

@@ -106,7 +106,7 @@ def check_definitions(local: _LocalOption = None, as_json: _JsonOption = False) 
     for platform in found.platforms.values():
         for image in (image for image in found.images.values() if fits(platform, image)):
             try:
-                plan = make_plan(platform, image, read_lock(found.lock_path(platform, image)))
+                plan = make_plan(*found.chosen(platform.name, image.name), read_lock(found.lock_path(platform, image)))
             except ConfigError as error:
                 problems += error.problems
                 continue
