@@ -150,7 +150,7 @@ class Emulator(StrictModel):
 
 
 class OwnWifi(StrictModel):
-    """What the Wi-Fi of a board needs, beside that of USB adapters, in images with the service `wifi`."""
+    """Drivers and firmware of the Wi-Fi of a board, for images with the service `wifi`."""
 
     packages: Annotated[tuple[PackageName, ...], Field(strict=False)]
     """Its firmware."""
