@@ -1,14 +1,19 @@
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
 
 from eal_actors.kernel.errors import ConfigError
+from eal_actors.kernel.log import get_logger
+from evbotos.build import Build
 from evbotos.definitions import load_definitions
+from evbotos.hosttools import find_tool, needed_for
 from evbotos.model import Local
 from evbotos.robot_files import access_files
 from evbotos.wireless import Wifi, WirelessNetwork, configuration
+from tests.evbotos.proof import SERVES, Proof, answer, give_keys, started, wait_for_words
 
 LOCAL = """version: 1
 wifi:
@@ -69,3 +74,27 @@ def test_wrong_settings_are_told_with_their_place(tmp_path: Path, changed: str, 
     with pytest.raises(ConfigError) as caught:
         load_definitions(local)
     assert told in str(caught.value)
+
+
+@pytest.mark.evbotos
+@pytest.mark.timeout(3600)
+def test_the_image_starts_with_its_own_kernel_which_has_wifi(tmp_path: Path) -> None:
+    found = load_definitions()
+    platform, image = found.chosen("qemu-amd64", "wireless")
+    missing = [name for name in (*needed_for(platform), "qemu-system-x86_64", "ssh") if find_tool(name) is None]
+    if missing:
+        pytest.skip(f"not installed: {', '.join(missing)} (make evbotos-setup)")
+    log = get_logger()
+    fleet, local = give_keys(tmp_path)
+    built = Build(platform, image, local, found.lock_path(platform, image), log.info).run(tmp_path / "out")
+    log.warning(f"root and kernel: {built.report['root_with_kernel_mb']} MB")
+    assert built.report["root_with_kernel_mb"] <= image.budget_mb.root_with_kernel
+    proof = Proof(platform, image, built, fleet, tmp_path / "robot", tmp_path / "ssh", tmp_path / "update.pem")
+    disk = Path(shutil.copyfile(built.folder / "disk.img", tmp_path / "disk.img"))
+    with started(proof, disk) as machine:
+        wait_for_words(machine, SERVES)
+        for command in image.check:
+            answer(proof, machine, command)
+        assert "country " in answer(proof, machine, "iw reg get")
+        for driver in ("ath9k_htc", "mt7601u", "mt76x0u", "mt76x2u", "rt2800usb", "rtl8xxxu"):
+            answer(proof, machine, f"test -d /sys/bus/usb/drivers/{driver}")
