@@ -9,11 +9,10 @@ import pytest
 from eal_actors.kernel.log import get_logger
 from evbotos.build import Build, cache_folder, kernel_key
 from evbotos.definitions import load_definitions
-from evbotos.hosttools import find_tool, needed_for
 from evbotos.lock import read_lock
 from evbotos.model import Local, Platform
 from evbotos.qemu import Machine
-from tests.evbotos.proof import Proof, give_keys, started
+from tests.evbotos.proof import Proof, give_keys, require_tools, started
 
 _LOG = get_logger()
 
@@ -30,9 +29,7 @@ def proof(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     folder = tmp_path_factory.mktemp("proof")
     found = load_definitions()
     platform, image = found.platform("qemu-amd64"), found.image("robot")
-    missing = [name for name in (*needed_for(platform), "qemu-system-x86_64", "ssh") if find_tool(name) is None]
-    if missing:
-        pytest.skip(f"not installed: {', '.join(missing)} (make evbotos-setup)")
+    require_tools(platform)
     if not (
         has_kernel(platform, found.lock_path(platform, image)) or "evbotos" in request.config.getoption("markexpr")
     ):

@@ -19,6 +19,7 @@ from eal_actors import Fleet
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import EALError
 from evbotos import slots, squash
+from evbotos.hosttools import find_tool, needed_for
 from evbotos.model import Image, Local, PackagedKernel, Platform
 from evbotos.outputs import Built
 from evbotos.qemu import Machine, running
@@ -92,6 +93,15 @@ def run(*argv: str | Path, **env: str) -> str:
 
 def eal(*words: str | Path, **env: str) -> str:
     return run(sys.executable, "-m", "eal_actors", *words, **env)
+
+
+def require_tools(platform: Platform) -> None:
+    """Skip the test if a program is missing that builds an image of a platform, starts it or logs into it."""
+    assert platform.emulator is not None
+    needed = (*needed_for(platform), platform.emulator.program, "ssh")
+    missing = [name for name in needed if find_tool(name) is None]
+    if missing:
+        pytest.skip(f"not installed: {', '.join(missing)} (make evbotos-setup)")
 
 
 def give_keys(folder: Path, text: str = FLEET) -> tuple[Path, Local]:

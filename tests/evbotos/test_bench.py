@@ -16,8 +16,9 @@ from evbotos.bench_command import bench, times
 from evbotos.build import Build
 from evbotos.definitions import load_definitions
 from evbotos.errors import BuildError
-from evbotos.hosttools import find_tool, needed_for
+from evbotos.hosttools import find_tool
 from evbotos.model import Local
+from tests.evbotos.proof import require_tools
 
 LINES: list[dict[str, object]] = [
     {"engine": "Octave 7.3.0"},
@@ -153,9 +154,7 @@ def test_build_times_stand_beside_the_thesis(tmp_path: Path, capsys: pytest.Capt
 def test_the_octave_image_runs_the_benchmark(tmp_path: Path) -> None:
     found = load_definitions()
     platform, image = found.platform("qemu-amd64"), found.image("octave")
-    missing = [name for name in (*needed_for(platform), "qemu-system-x86_64", "ssh") if find_tool(name) is None]
-    if missing:
-        pytest.skip(f"not installed: {', '.join(missing)} (make evbotos-setup)")
+    require_tools(platform)
     Build(platform, image, Local(version=1), found.lock_path(platform, image), get_logger().info).run(tmp_path)
     bench(engine="octave", n=100, in_image=True, output=tmp_path)
     kept = json.loads((tmp_path / "bench-octave-100-qemu-amd64.json").read_text())

@@ -12,7 +12,6 @@ import pytest
 from eal_actors.kernel.log import get_logger
 from evbotos.build import Build
 from evbotos.definitions import load_definitions
-from evbotos.hosttools import find_tool, needed_for
 from evbotos.qemu import Machine
 from tests.evbotos.odometer import built_module
 from tests.evbotos.proof import (
@@ -21,6 +20,7 @@ from tests.evbotos.proof import (
     answer,
     first_answer_s,
     give_keys,
+    require_tools,
     started,
     wait_for_words,
     wait_until,
@@ -49,10 +49,7 @@ def proof(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     """The robot image of a board."""
     found = load_definitions()
     image, platform = found.image("robot"), found.platform(request.param)
-    assert platform.emulator is not None
-    missing = [name for name in (*needed_for(platform), platform.emulator.program, "ssh") if find_tool(name) is None]
-    if missing:
-        pytest.skip(f"not installed: {', '.join(missing)} (make evbotos-setup)")
+    require_tools(platform)
     folder = tmp_path_factory.mktemp(platform.name)
     fleet, local = give_keys(folder)
     built = Build(platform, image, local, found.lock_path(platform, image), _LOG.info).run(folder / "out")

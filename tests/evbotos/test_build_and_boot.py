@@ -16,7 +16,6 @@ from evbotos.build import Build
 from evbotos.definitions import load_definitions
 from evbotos.errors import BuildError
 from evbotos.hashing import files_sha256
-from evbotos.hosttools import find_tool, needed_for
 from evbotos.lock import lock_path
 from evbotos.model import Local
 from evbotos.outputs import Built
@@ -30,6 +29,7 @@ from tests.evbotos.proof import (
     compressed_quickly,
     first_answer_s,
     give_keys,
+    require_tools,
     started,
     wait_for_words,
 )
@@ -59,9 +59,7 @@ def built_in(folder: Path, local: Local, locks: Path, *, update_lock: bool) -> B
 @pytest.fixture(scope="module")
 def proof(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Proof]:
     """The robot image of the packages that the archive offers now, started by Debian's own kernel."""
-    missing = [name for name in (*needed_for(PLATFORM), "qemu-system-x86_64", "ssh-keygen") if find_tool(name) is None]
-    if missing:
-        pytest.skip(f"not installed: {', '.join(missing)} (make evbotos-setup)")
+    require_tools(PLATFORM)
     folder = tmp_path_factory.mktemp("short")
     try:
         bytecode.find_python()

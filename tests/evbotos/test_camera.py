@@ -14,9 +14,8 @@ from eal_actors.kernel.errors import EALError
 from eal_actors.kernel.log import get_logger
 from evbotos.build import Build
 from evbotos.definitions import load_definitions
-from evbotos.hosttools import find_tool, needed_for
 from evbotos.run_command import memory_for
-from tests.evbotos.proof import FLEET, ROBOT, Proof, give_keys, started, wait_until
+from tests.evbotos.proof import FLEET, ROBOT, Proof, give_keys, require_tools, started, wait_until
 from tests.evbotos.usb_camera import HEIGHT, WIDTH, UsbCamera
 
 SIM = "sim: {model: evbot3}"
@@ -32,9 +31,7 @@ def proof(tmp_path_factory: pytest.TempPathFactory) -> Proof:
     folder = tmp_path_factory.mktemp("camera")
     found = load_definitions()
     platform, image = found.chosen("qemu-amd64", "vision")
-    missing = [name for name in (*needed_for(platform), "qemu-system-x86_64", "ssh") if find_tool(name) is None]
-    if missing:
-        pytest.skip(f"not installed: {', '.join(missing)} (make evbotos-setup)")
+    require_tools(platform)
     assert SIM in FLEET
     fleet, local = give_keys(folder, FLEET.replace(SIM, CAMERA))
     build = Build(platform, image, local, found.lock_path(platform, image), _LOG.info)

@@ -15,10 +15,19 @@ from eal_actors.kernel.log import get_logger
 from evbotos.build import Build
 from evbotos.definitions import load_definitions
 from evbotos.fields import ROOTFS
-from evbotos.hosttools import find_tool, needed_for
 from evbotos.model import Local
 from evbotos.run_command import memory_for
-from tests.evbotos.proof import SERVES, Proof, answer, compressed_quickly, give_keys, ssh, started, wait_for_words
+from tests.evbotos.proof import (
+    SERVES,
+    Proof,
+    answer,
+    compressed_quickly,
+    give_keys,
+    require_tools,
+    ssh,
+    started,
+    wait_for_words,
+)
 
 DRIVE = """
 before = eal_call ("evbot", "TruePose", "get_value");
@@ -74,9 +83,7 @@ def test_lines_of_octave_are_answered_in_order_and_wrong_ones_with_words(tmp_pat
 def test_octave_drives_the_robot_of_its_machine(tmp_path: Path) -> None:
     found = load_definitions()
     platform, image = found.chosen("qemu-amd64", "octave-robot")
-    missing = [name for name in (*needed_for(platform), "qemu-system-x86_64", "ssh") if find_tool(name) is None]
-    if missing:
-        pytest.skip(f"not installed: {', '.join(missing)} (make evbotos-setup)")
+    require_tools(platform)
     fleet, local = give_keys(tmp_path)
     open_to_key = Local(
         version=1, ssh_keys=local.ssh_keys

@@ -11,9 +11,18 @@ import pytest
 from eal_actors.kernel.log import get_logger
 from evbotos.build import Build
 from evbotos.definitions import load_definitions
-from evbotos.hosttools import find_tool, needed_for
 from evbotos.qemu import Machine
-from tests.evbotos.proof import SERVES, Proof, answer, give_keys, ssh, started, wait_for_words, wait_until
+from tests.evbotos.proof import (
+    SERVES,
+    Proof,
+    answer,
+    give_keys,
+    require_tools,
+    ssh,
+    started,
+    wait_for_words,
+    wait_until,
+)
 from tests.evbotos.test_buses import AS_USER, does
 
 RADIOS = {
@@ -35,9 +44,7 @@ def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Proof, M
     found = load_definitions()
     board, image = found.chosen("raspberry-pi", "wireless")
     platform = board.model_copy(update={"overlays": ("raspberry-pi-spi.dts",)})
-    missing = [name for name in (*needed_for(platform), "qemu-system-aarch64", "ssh") if find_tool(name) is None]
-    if missing:
-        pytest.skip(f"not installed: {', '.join(missing)} (make evbotos-setup)")
+    require_tools(platform)
     fleet, local = give_keys(folder)
     built = Build(platform, image, local, found.lock_path(platform, image), _LOG.info).run(folder / "out")
     _LOG.warning(f"root and kernel {built.report['root_with_kernel_mb']} MB")

@@ -23,7 +23,7 @@ from eal_actors.kernel.log import get_logger
 from evbotos import verity
 from evbotos.build import Build
 from evbotos.definitions import load_definitions
-from evbotos.hosttools import find_tool, needed_for, tool
+from evbotos.hosttools import tool
 from evbotos.identity import put_identity
 from evbotos.model import Local
 from evbotos.provision_command import provision_fleet
@@ -38,6 +38,7 @@ from tests.evbotos.proof import (
     answer,
     eal,
     give_access,
+    require_tools,
     started,
     wait_for_words,
 )
@@ -135,9 +136,7 @@ def fleet(tmp_path: Path) -> Iterator[tuple[MachineFleet, ExitStack]]:
     found = load_definitions()
     platform, image = found.platform("qemu-amd64"), found.image("robot")
     lock = found.lock_path(platform, image)
-    missing = [name for name in (*needed_for(platform), "qemu-system-x86_64", "ssh") if find_tool(name) is None]
-    if missing:
-        pytest.skip(f"not installed: {', '.join(missing)} (make evbotos-setup)")
+    require_tools(platform)
     if not has_kernel(platform, lock):
         pytest.skip("no kernel in the cache yet: `make test-evbotos`")
     file, access = tmp_path / "fleet.yaml", give_access(tmp_path)

@@ -17,7 +17,6 @@ from eal_actors.kernel.errors import EALError
 from eal_actors.kernel.log import get_logger
 from evbotos.build import Build
 from evbotos.definitions import load_definitions
-from evbotos.hosttools import find_tool, needed_for
 from evbotos.lock import lock_path
 from evbotos.qemu import Machine
 from evbotos.run_command import memory_for
@@ -30,6 +29,7 @@ from tests.evbotos.proof import (
     answer,
     compressed_quickly,
     give_keys,
+    require_tools,
     started,
     wait_for_words,
     wait_until,
@@ -48,9 +48,7 @@ def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Proof, M
     folder = tmp_path_factory.mktemp("vision")
     board, image = load_definitions().chosen("qemu-amd64", "vision")
     platform = board.model_copy(update={"kernel": DEBIAN_KERNEL})
-    missing = [name for name in (*needed_for(platform), "qemu-system-x86_64", "ssh") if find_tool(name) is None]
-    if missing:
-        pytest.skip(f"not installed: {', '.join(missing)} (make evbotos-setup)")
+    require_tools(platform)
     fleet, local = give_keys(folder, FLEET.replace("name: proof", "name: proof\nworld: lab"))
     lock = lock_path(platform, image, folder / "locks")
     with compressed_quickly():

@@ -11,7 +11,6 @@ import pytest
 from eal_actors.kernel.log import get_logger
 from evbotos.build import Build
 from evbotos.definitions import load_definitions
-from evbotos.hosttools import find_tool, needed_for
 from evbotos.lock import lock_path
 from evbotos.qemu import Machine
 from evbotos.wireless import Wifi, WirelessNetwork
@@ -22,6 +21,7 @@ from tests.evbotos.proof import (
     answer,
     compressed_quickly,
     give_keys,
+    require_tools,
     ssh,
     started,
     wait_for_words,
@@ -88,9 +88,7 @@ def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Proof, M
     board, wireless = load_definitions().chosen("qemu-amd64", "wireless")
     platform = board.model_copy(update={"kernel": KERNEL})
     image = wireless.model_copy(update={"packages": (*wireless.packages, "hostapd")})
-    missing = [name for name in (*needed_for(platform), "qemu-system-x86_64", "ssh") if find_tool(name) is None]
-    if missing:
-        pytest.skip(f"not installed: {', '.join(missing)} (make evbotos-setup)")
+    require_tools(platform)
     fleet, local = give_keys(folder)
     settings = local.model_copy(update={"wifi": WIFI})
     with compressed_quickly():

@@ -9,11 +9,10 @@ from eal_actors.kernel.errors import ConfigError
 from eal_actors.kernel.log import get_logger
 from evbotos.build import Build
 from evbotos.definitions import load_definitions
-from evbotos.hosttools import find_tool, needed_for
 from evbotos.model import Local
 from evbotos.robot_files import access_files
 from evbotos.wireless import Wifi, WirelessNetwork, configuration
-from tests.evbotos.proof import SERVES, Proof, answer, give_keys, started, wait_for_words
+from tests.evbotos.proof import SERVES, Proof, answer, give_keys, require_tools, started, wait_for_words
 
 LOCAL = """version: 1
 wifi:
@@ -81,9 +80,7 @@ def test_wrong_settings_are_told_with_their_place(tmp_path: Path, changed: str, 
 def test_the_image_starts_with_its_own_kernel_which_has_wifi(tmp_path: Path) -> None:
     found = load_definitions()
     platform, image = found.chosen("qemu-amd64", "wireless")
-    missing = [name for name in (*needed_for(platform), "qemu-system-x86_64", "ssh") if find_tool(name) is None]
-    if missing:
-        pytest.skip(f"not installed: {', '.join(missing)} (make evbotos-setup)")
+    require_tools(platform)
     log = get_logger()
     fleet, local = give_keys(tmp_path)
     built = Build(platform, image, local, found.lock_path(platform, image), log.info).run(tmp_path / "out")
