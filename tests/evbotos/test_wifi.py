@@ -41,6 +41,7 @@ WIFI = Wifi(
     ),
 )
 BSS = """
+ctrl_interface=/run/hostapd
 ssid=Lab
 wpa=2
 wpa_key_mgmt=WPA-PSK SAE
@@ -51,7 +52,6 @@ bridge=br0
 """
 ACCESS_POINT = """interface=wlan1
 driver=nl80211
-ctrl_interface=/run/hostapd
 country_code=DE
 hw_mode=g
 channel=6
