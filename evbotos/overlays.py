@@ -27,8 +27,10 @@ def write_trees(kernel_folder: Path, trees: Sequence[str], overlays: Sequence[st
         out: the new folder.
 
     Raises:
-        BuildError: an overlay is malformed, or does not fit a device tree.
+        BuildError: an overlay is malformed, or does not fit a device tree, or the board has none.
     """
+    if not trees:
+        raise BuildError(f"this board has no device trees to which {', '.join(overlays)} could apply")
     shutil.copytree(kernel_folder, out)
     with TemporaryDirectory() as folder:
         for number, name in enumerate(overlays):

@@ -69,6 +69,11 @@ def test_overlays_that_are_malformed_or_do_not_fit_are_named(kernel: Path, tmp_p
         write_trees(kernel, ["board.dtb"], [str(own)], tmp_path / "out2")
 
 
+def test_a_board_without_device_trees_takes_no_overlays(tmp_path: Path) -> None:
+    with pytest.raises(BuildError, match=f"no device trees to which {SPI} could apply"):
+        write_trees(tmp_path, [], [SPI], tmp_path / "out")
+
+
 def test_local_yaml_selects_overlays(tmp_path: Path) -> None:
     local = tmp_path / "local.yaml"
     local.write_text(f"version: 1\nplatforms: {{raspberry-pi: {{overlays: [{SPI}]}}}}\n")
