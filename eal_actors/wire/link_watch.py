@@ -26,16 +26,17 @@ import contextlib
 import socket
 import struct
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Final, NamedTuple
 
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.log import get_logger
 from eal_actors.kernel.posix import fcntl, termios
+from eal_actors.managers.network_model import parse_endpoint
 from eal_actors.wire.engine_exit import start_thread
 from eal_actors.wire.memory_room import MemoryRoom
-from eal_actors.wire.own_sockets import is_listening, tcp_sockets
+from eal_actors.wire.own_sockets import is_listening, sockets_to, tcp_sockets
 from eal_actors.wire.security.packet_filter import plain_address
 
 LOOK_S: Final = 1.0
@@ -181,3 +182,14 @@ def _received(end: socket.socket) -> int:
     info = end.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 256)
     received: int = struct.unpack_from("=Q", info, _BYTES_RECEIVED)[0]
     return received
+
+
+def hang_up(endpoints: Iterable[str]) -> None:
+    """End the connections to some endpoints over which nothing has come.
+
+    The engine would wait for the handshakes of silent ends, 10 s each, and a program that ends would wait for it.
+    """
+    for end in sockets_to({parse_endpoint(endpoint).port for endpoint in endpoints}):
+        with end, contextlib.suppress(OSError):  # it is not connected any more
+            if not _received(end):
+                end.shutdown(socket.SHUT_RDWR)

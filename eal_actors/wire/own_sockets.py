@@ -10,12 +10,13 @@ import contextlib
 import os
 import socket
 import stat
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from pathlib import Path
 from typing import Final
 
 OPEN_FILES: Final = Path("/proc/self/fd")
 """The descriptors of this process; other systems have no such folder, and show no sockets."""
+_TABLES: Final = Path("/proc/self/net/tcp"), Path("/proc/self/net/tcp6")
 
 
 def tcp_sockets() -> Iterator[socket.socket]:
@@ -32,6 +33,23 @@ def tcp_sockets() -> Iterator[socket.socket]:
                 yield end
             else:
                 end.close()
+
+
+def sockets_to(ports: Container[int]) -> Iterator[socket.socket]:
+    """Yield a duplicate of each TCP socket of this process that has dialled one of some ports, answered or not.
+
+    Source: the kernel's Documentation/networking/proc_net_tcp.rst.
+    """
+    dialled: set[int] = set()
+    for table in _TABLES:
+        with contextlib.suppress(OSError):  # this kernel has no IPv6
+            rows = (line.split() for line in table.read_text(encoding="ascii").splitlines()[1:])
+            dialled.update(int(row[9]) for row in rows if int(row[2].rpartition(":")[2], 16) in ports)
+    for end in tcp_sockets():
+        if os.fstat(end.fileno()).st_ino in dialled:
+            yield end
+        else:
+            end.close()
 
 
 def is_listening(end: socket.socket) -> bool:

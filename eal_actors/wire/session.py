@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
@@ -28,7 +29,7 @@ from eal_actors.wire.engine_exit import close_at_exit, start_thread
 from eal_actors.wire.engine_memory import limit_heaps, return_buffers
 from eal_actors.wire.engine_threads import share_threads
 from eal_actors.wire.format.packing import MAX_ENVELOPE_BYTES, MAX_PAYLOAD_BYTES
-from eal_actors.wire.link_watch import Link, watching
+from eal_actors.wire.link_watch import Link, hang_up, watching
 from eal_actors.wire.security.accept_guard import ROBOT_STRANGERS, ROUTER_STRANGERS, guarding, raise_file_limit
 from eal_actors.wire.security.access import controller_access, robot_access, router_access, tls_config
 from eal_actors.wire.security.packet_filter import plain_address
@@ -42,6 +43,8 @@ T = TypeVar("T")
 CLOSE_TIMEOUT_S: Final = 1.0
 """Real seconds after which a session that does not close is abandoned."""
 
+_QUIET_CLOSE_S: Final = 0.05
+"""Real seconds in which a session closes that dials nobody."""
 _RETRY_S: Final = 0.1
 _DIAL_MS: Final = 20
 """Time between two dials of an absent end."""
@@ -256,10 +259,11 @@ def _open(checked: zenoh.Config, config: dict[str, Any], timeout_s: float) -> ze
     import zenoh
 
     end_s = REAL_TIME.now() + timeout_s
+    hurry = partial(hang_up, config["connect"]["endpoints"])
     while True:
         left_s = max(end_s - REAL_TIME.now(), 0.0)
         try:
-            return _in_time(lambda: zenoh.open(checked), left_s, "eal-net-open", discard=_close_now)
+            return _in_time(lambda: zenoh.open(checked), left_s, "eal-net-open", hurry, discard=_close_now)
         except TimeoutError:
             places = ", ".join(endpoints_of(config))
             raise UnavailableError(f"{places}: the network session did not open within {timeout_s:g} s") from None
@@ -292,17 +296,27 @@ def _close_now(session: zenoh.Session) -> None:
 
 
 def _close(session: zenoh.Session, config: dict[str, Any]) -> None:
+    hurry = partial(hang_up, config["connect"]["endpoints"])
     try:
-        _in_time(lambda: _close_now(session), CLOSE_TIMEOUT_S, "eal-net-close")
+        _in_time(lambda: _close_now(session), CLOSE_TIMEOUT_S, "eal-net-close", hurry, hurry_s=_QUIET_CLOSE_S)
     except TimeoutError:
         message = f"the network session did not close within {CLOSE_TIMEOUT_S:g} s and was abandoned"
         get_logger().warning(message, endpoints=endpoints_of(config))
 
 
-def _in_time(work: Callable[[], T], timeout_s: float, name: str, discard: Callable[[T], object] = lambda _: None) -> T:
+def _in_time(
+    work: Callable[[], T],
+    timeout_s: float,
+    name: str,
+    hurry: Callable[[], object],
+    *,
+    hurry_s: float = math.inf,
+    discard: Callable[[T], object] = lambda _: None,
+) -> T:
     """Return the result of a call into zenoh that may hang, made in its own thread; TimeoutError if it takes longer.
 
-    `discard` gets a result that arrives after the time-out. Thread: blocks the caller.
+    `hurry`, which makes the call end soon, is called after `hurry_s`, and at the time-out or an interruption; `discard`
+    gets a later result. Thread: blocks the caller.
     """
     outcome: Future[T] = Future()
     waiter = new_waiter()
@@ -316,8 +330,13 @@ def _in_time(work: Callable[[], T], timeout_s: float, name: str, discard: Callab
 
     start_thread(run, name)
     try:
-        REAL_TIME.wait(waiter, timeout_s)
+        if hurry_s < timeout_s and not REAL_TIME.wait(waiter, hurry_s):
+            hurry()
+            timeout_s -= hurry_s
+        if not outcome.done():
+            REAL_TIME.wait(waiter, timeout_s)
         return outcome.result(timeout=0)
     except (TimeoutError, KeyboardInterrupt):
         outcome.add_done_callback(lambda late: discard(late.result()) if late.exception() is None else None)
+        hurry()
         raise

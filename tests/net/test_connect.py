@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import socket
+import threading
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+from structlog.testing import capture_logs
 
 from eal_actors import Fleet, classic, connect
 from eal_actors.facade.connections import find_robot
@@ -99,6 +102,38 @@ def test_one_robot_behind_a_router_is_reached_and_several_are_named(file: Path) 
                 assert eal.get_value(eal.find_resource("SampleResource")).value == 0
             with RobotService(behind, "r2"), pytest.raises(RobotNotFoundError, match="2 robots, r1, r2: name one"):
                 connect(LOCALHOST, number)
+
+
+class TestSilentEnds:
+    """The engine waits 10 s for the handshake of a silent end, and the end of the program for the engine."""
+
+    @pytest.fixture(params=[True, False], ids=["accepts", "is switched off"])
+    def silent(self, request: pytest.FixtureRequest) -> Iterator[int]:
+        """The port of an end that accepts connections and says nothing, or does not answer at all."""
+        with ExitStack() as stack:
+            end = stack.enter_context(socket.create_server((LOCALHOST, 0), backlog=0))
+            number: int = end.getsockname()[1]
+            if not request.param:  # the kernel drops what comes beyond a full backlog
+                stack.enter_context(socket.create_connection((LOCALHOST, number)))
+            yield number
+
+    def test_a_fleet_closes_at_once(self, silent: int) -> None:
+        with capture_logs() as logs:
+            fleet = Fleet(fleet_of({}, {"r1": endpoint(silent)}))
+            fleet.connect(timeout_s=0.2)
+            fleet.close()
+        assert not [line["event"] for line in logs if "abandoned" in line["event"]]
+        assert not engine_calls()
+
+    def test_a_search_for_a_robot_ends_at_its_time_out(self, silent: int, file: Path) -> None:
+        with pytest.raises(UnavailableError, match="nobody answers"):
+            connect(LOCALHOST, silent)
+        assert eventually(lambda: not engine_calls())
+
+
+def engine_calls() -> list[str]:
+    """Return the names of the threads in which the engine opens or closes a session."""
+    return [thread.name for thread in threading.enumerate() if thread.name in {"eal-net-open", "eal-net-close"}]
 
 
 class TestKeys:
