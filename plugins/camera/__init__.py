@@ -1,1 +1,1 @@
-"""The Camera resource over OpenCV: USB cameras, video files, folders of images, network streams."""
+"""The Camera resource over OpenCV: USB cameras, network streams, programs, video files and folders."""

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Final, Self
 
@@ -21,7 +22,7 @@ _ONLY_FOR: Final = {
     "exposure": (SourceKind.DEVICE,),
     "fourcc": (SourceKind.DEVICE,),
     "fps": (SourceKind.DEVICE, SourceKind.FOLDER),
-    "frozen_after_s": (SourceKind.DEVICE, SourceKind.STREAM),
+    "frozen_after_s": (SourceKind.DEVICE, SourceKind.STREAM, SourceKind.PROGRAM),
 }
 """The settings of only some kinds of source."""
 
@@ -29,8 +30,9 @@ _ONLY_FOR: Final = {
 class Settings(PluginSettingsModel):
     """The plugin's settings in the fleet file."""
 
-    source: int | str
-    """The number n of `/dev/video<n>`, a path below /dev, a URL, or the path of a video file or folder of images."""
+    source: int | str | list[int | float | str]
+    """The number n of `/dev/video<n>`, a path below /dev, a URL, the path of a video file or folder of images, or the
+    list of a program, which writes JPEG pictures to its standard output, and its arguments."""
     format: Format = "raw"
     """Format of get_value: an array, or the bytes of a JPEG or PNG file."""
     width: int | None = Field(default=None, ge=16, le=4096)
@@ -56,9 +58,9 @@ class Settings(PluginSettingsModel):
 
     @field_validator("source")
     @classmethod
-    def _check_source(cls, source: int | str) -> int | str:
-        if source == "" or (isinstance(source, int) and source < 0):
-            raise ValueError("use a number from 0, a device path, a URL, or the path of a file or folder")
+    def _check_source(cls, source: int | str | list[int | float | str]) -> int | str | list[int | float | str]:
+        if source in ("", []) or (isinstance(source, int) and source < 0):
+            raise ValueError("use a number from 0, a device path, a URL, the path of a file or folder, or a program")
         PictureSource.of(source)
         return source
 
@@ -91,12 +93,14 @@ def connect(context: PluginContext) -> CameraPlugin:
     """Check the source. An unplugged camera is no error: it is not ready.
 
     Raises:
-        PluginError: a file or folder is missing or unreadable.
+        PluginError: a file, folder or program is missing, or a file or folder is unreadable.
 
     Thread: the robot's; reads the head of a file.
     """
     settings: Settings = context.settings
     source = PictureSource.of(settings.source)
+    if source.kind is SourceKind.PROGRAM and shutil.which(source.arguments[0]) is None:
+        raise PluginError(f"source: this machine has no program {source.arguments[0]!r}")
     if not source.kind.is_live:
         path = Path(source.address)
         if not path.is_file() and not path.is_dir():

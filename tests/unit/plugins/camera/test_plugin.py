@@ -45,7 +45,7 @@ def test_a_source_is_known_by_its_look(source: int | str, kind: SourceKind, name
 
 WRONG: list[tuple[dict[str, Any], str]] = [
     ({}, "source\n  Field required"),
-    ({"source": -1}, "use a number from 0, a device path, a URL, or the path of a file or folder"),
+    ({"source": -1}, "use a number from 0, a device path, a URL, the path of a file or folder, or a program"),
     ({"source": ""}, "use a number from 0"),
     ({"source": "ftp://cam.lab/x"}, "use a URL with rtsp://, rtsps://, http://, https:// and a host"),
     ({"source": "ftp://me:secret@cam.lab"}, "source 'ftp://me:***@cam.lab'"),
