@@ -27,6 +27,8 @@ from eal_actors.kernel.log import get_logger
 
 __all__ = ["CLOSE_TIMEOUT_S", "ResourceHandle", "RobotHandle", "close_robots"]
 
+MAX_REASON: Final = 500
+"""Characters of the reason of an emergency stop; each ping and handshake contains it."""
 CLOSE_TIMEOUT_S: Final = 5.0
 """Real time that a robot has to stop by itself before its stuck threads are abandoned."""
 _LOOK_S: Final = 0.1
@@ -193,7 +195,7 @@ class RobotHandle(RobotParts, Mapping[str, ResourceHandle]):
         A robot on the network gets the stop again and again until it confirms it; see `is_stop_confirmed`. `reason`
         appears in the errors of refused motions. Thread: any; does not block.
         """
-        return self._actor.stop_now(reason)
+        return self._actor.stop_now(str(reason)[:MAX_REASON])
 
     def resume(self) -> Future[None]:
         """End an emergency stop: motions are possible again, and none starts by itself. Thread: any; does not block."""

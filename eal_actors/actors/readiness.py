@@ -36,6 +36,7 @@ class ReadinessActor(ActivityActor):
     def _check_readiness(self) -> str | None:
         """Return why the device is not ready, or None; log and report a change once. Carry out a halt that is due."""
         before, reason = self._not_ready, self.opened.not_ready()
+        reason = None if reason is None else str(reason)
         self._not_ready = reason
         if reason is None and self.cell.owes_halt:
             self._log.info("halting now, as requested while it was not ready")

@@ -15,6 +15,7 @@ from eal_actors.actors.future import Future
 from eal_actors.device.data import EALData
 from eal_actors.kernel.clock import new_waiter, wait_in_scope
 from eal_actors.kernel.errors import (
+    ArgumentError,
     BusyError,
     DeadlineError,
     EALError,
@@ -48,13 +49,15 @@ class Stream(Iterator[EALData]):
     seconds of the fleet's clock at most.
 
     Raises:
-        ArgumentError: the encoding cannot carry the resource's values.
+        ArgumentError: the encoding cannot carry the resource's values; or `timeout_s` is NaN.
         UnsupportedError: the resource has no value; or OpenCV is needed and not installed.
 
     Thread: any. Several readers of one stream share its values; open a stream for each instead.
     """
 
     def __init__(self, cell: ResourceCell, spec: StreamSpec, timeout_s: float) -> None:
+        if timeout_s != timeout_s:  # NaN: a reader would wait for ever
+            raise ArgumentError(f"timeout_s must be seconds, not {timeout_s!r}", robot=cell.robot, resource=cell.name)
         if cell.info is not None:
             try:
                 spec.check_resource(cell.info)

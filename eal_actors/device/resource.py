@@ -305,7 +305,7 @@ class Resource:
             if fraction != fraction:
                 raise ArgumentError("progress needs a fraction from 0 to 1, not NaN")
             fraction = min(max(float(fraction), 0.0), 1.0)
-        self._reported_progress = fraction, text
+        self._reported_progress = fraction, str(text)
 
     def background(self) -> Activity | None:
         """Return an activity that runs as long as the resource does, such as a poller; None for none.

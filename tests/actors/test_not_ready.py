@@ -97,6 +97,14 @@ def test_calls_are_refused_at_once_and_reach_no_code(motor: Motor) -> None:
         assert robot.restarts == {}
 
 
+def test_a_reason_is_shown_as_text(motor: Motor) -> None:
+    with running_robot({"Motor": lambda: motor}) as robot:
+        motor.reason = OSError("unplugged")  # type: ignore[assignment]  # the answer to a handshake contains it
+        with pytest.raises(NotReadyError, match="unplugged"):
+            robot["Motor"].get_value().get()
+        assert robot.not_ready == {"Motor": "unplugged"}
+
+
 def test_halts_and_stops_get_through_whatever_it_says(motor: Motor) -> None:
     with running_robot({"Motor": lambda: motor}) as robot:
         go = robot["Motor"].send_cmd("go")

@@ -278,6 +278,7 @@ def test_images_arrive_as_they_are_within_a_process() -> None:
     [
         pytest.param(lambda h: h.stream(0), ArgumentError, "rate_hz must be over 0", id="no rate"),
         pytest.param(lambda h: h.stream(float("nan")), ArgumentError, "rate_hz must be over 0", id="not a number"),
+        pytest.param(lambda h: h.stream(timeout_s=float("nan")), ArgumentError, "timeout_s must be", id="no time-out"),
         pytest.param(lambda h: h.stream(1001), ArgumentError, "up to 1000, not 1001", id="too fast"),
         pytest.param(lambda h: h.stream(10, "gif"), ArgumentError, "raw, jpeg, png, not 'gif'", id="encoding"),
         pytest.param(lambda h: h.stream(10), UnsupportedError, "robot/Quiet: has no get_value", id="no value"),

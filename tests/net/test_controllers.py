@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from eal_actors.kernel.errors import (
     BusyError,
     CallCancelledError,
     ConfigError,
+    DataError,
     DeadlineError,
     EALError,
     PreemptedError,
@@ -52,6 +54,25 @@ def test_an_emergency_stop_holds_over_the_network(tmp_path: Path) -> None:
             assert robot.stopped_because is None
             assert robot["Arm"].send_cmd(f"step{10 + number}").get() == 10 + number
         assert [note.what for note in rig.notes("step")] == ["10", "11"]
+
+
+@pytest.mark.parametrize("reason", ["\udcff", "x" * 2_000_000, OSError("no camera"), None], ids=type)
+def test_a_stop_with_any_reason_stops_the_robot(rig: Rig, reason: Any) -> None:
+    with rig.served_here() as fleet:
+        robot = fleet["r1"]
+        move = robot["Arm"].send_cmd("move30")
+        assert rig.begun("move30")
+        robot.stop(reason).get(timeout=WAIT_S)  # the caller has no other way to tell of an exception or a file's name
+        failure(move, PreemptedError)
+        assert robot.ping().get(timeout=WAIT_S).stopped
+        robot.resume().get(timeout=WAIT_S)
+        assert robot["Arm"].send_cmd("step1").get() == 1
+
+
+def test_a_request_that_cannot_be_sent_fails_alone(remote: RobotHandle) -> None:
+    failure(remote.release("x" * 2_000_000), DataError)
+    assert remote["Arm"].send_cmd("step1").get() == 1
+    remote.stop("somebody is in the way").get(timeout=WAIT_S)
 
 
 def test_a_stop_of_another_controller_is_a_stop(rig: Rig) -> None:

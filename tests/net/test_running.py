@@ -34,6 +34,14 @@ def test_progress_comes_through_the_network_now_and_again(fleet: Fleet) -> None:
     assert all(0 < progress.time_s < fleet.clock.now() for progress in heard)
 
 
+def test_progress_with_any_text_arrives(fleet: Fleet) -> None:
+    heard: list[str] = []
+    move = fleet["r1"]["Arm"].send_cmd("mumble1")
+    move.add_progress_callback(lambda progress: heard.append(progress.text))
+    assert move.get() == 1
+    assert heard == ["\\udcff"]
+
+
 def listed(robot: RobotHandle) -> list[tuple[str, str, str]]:
     return [(running.resource, running.command, running.by) for running in robot.running]
 

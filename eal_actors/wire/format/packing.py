@@ -35,7 +35,9 @@ CLIENT_BYTES: Final = 16
 
 Buffer = bytes | bytearray | memoryview
 
-_pack: Final = msgpack.Packer().pack  # `packb` makes a new one for each message, which takes twice as long as packing
+_pack: Final = msgpack.Packer(unicode_errors="backslashreplace").pack
+"""Packs any text, such as a user's name or a device's message that is no UTF-8: an unsendable one would end the thread
+that sends. `packb` makes a new packer for each message, which takes twice as long as packing."""
 
 _FORM_BY_C_NAME: Final = {form.full_name: form for form in C_TYPES.values()}
 _ERROR_BY_CODE: Final[dict[str, type[EALError]]] = {

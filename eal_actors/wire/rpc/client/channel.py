@@ -17,7 +17,7 @@ from eal_actors.actors.actor import EALActor
 from eal_actors.actors.future import Future
 from eal_actors.actors.robot_view import RobotState, RobotView
 from eal_actors.kernel.clock import REAL_TIME
-from eal_actors.kernel.errors import AccessDeniedError, EALError, UnavailableError
+from eal_actors.kernel.errors import AccessDeniedError, DataError, EALError, UnavailableError
 from eal_actors.kernel.log import get_logger
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import Answer, Arguments, CallHeader, RobotTime, encode_call
@@ -126,17 +126,18 @@ class Channel:
     ) -> None:
         """Send a call; one callback runs in the reader's thread, or at once if the call is refused."""
         controller, stamper = self.controller, self.stamper
+        number = stamper.number()
+        header = CallHeader(stamper.client, stamper.epoch, number, timeout_s, timeout_s, None, arguments)
         try:
             if self.rights is not None:
                 self.rights.check(resource, method)
-        except AccessDeniedError as error:
+            envelope, _ = encode_call(header)  # here, since an error would end the thread that sends
+        except (AccessDeniedError, DataError) as error:
             on_answer(error, None, 0.0, 0.0)
             return
-        number = stamper.number()
-        header = CallHeader(stamper.client, stamper.epoch, number, timeout_s, timeout_s, None, arguments)
         key = controller.call_key(self.name, resource, method)
         is_urgent = method in (keys.STOP, keys.RESUME)
-        request = _Request(self, key, header, on_answer, on_failure, is_urgent)
+        request = _Request(self, key, number, envelope, timeout_s, on_answer, on_failure, is_urgent)
         if is_urgent:
             controller.send_urgently(request)
         elif not controller.sender.submit(request):
@@ -147,13 +148,15 @@ class Channel:
 class _Request(UrgentMessage):
     """Call of a method of the robot itself, with the clock readings that its reply needs.
 
-    Its header's time to live is the time-out of the reply. `on_answer` is called with the answer in the reader's
-    thread, or `on_failure` in any thread.
+    `timeout_s` is the time-out of the reply. `on_answer` is called with the answer in the reader's thread, or
+    `on_failure` in any thread.
     """
 
     channel: Channel
     key: str
-    header: CallHeader
+    number: int
+    envelope: bytes
+    timeout_s: float
     on_answer: ReadReply[None]
     on_failure: Callable[[], None]
     is_urgent: bool
@@ -165,15 +168,14 @@ class _Request(UrgentMessage):
     def send(self, *, is_last: bool) -> None:
         if not self._is_taken.acquire(blocking=False):
             return
-        channel, header = self.channel, self.header
-        envelope, payload = encode_call(header)
+        channel = self.channel
         self._sent_s = REAL_TIME.now()
-        self.end_s = self._sent_s + header.ttl_s
-        channel.pending.calls[header.sequence] = self
+        self.end_s = self._sent_s + self.timeout_s
+        channel.pending.calls[self.number] = self
         controller = channel.controller
         if not self.is_urgent:
             controller.sender.flush()  # it must not overtake the calls before it
-        if not controller.put(channel.name, self.key, envelope, payload, is_urgent=self.is_urgent, is_last=is_last):
+        if not controller.put(channel.name, self.key, self.envelope, b"", is_urgent=self.is_urgent, is_last=is_last):
             channel.pending.lose_all()
 
     @override

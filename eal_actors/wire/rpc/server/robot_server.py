@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from eal_actors.actors.call import Call
 from eal_actors.actors.future import Relay
-from eal_actors.actors.handles import ResourceHandle, RobotHandle
+from eal_actors.actors.handles import MAX_REASON, ResourceHandle, RobotHandle
 from eal_actors.device.data import EALData, Payload
 from eal_actors.device.info import ResourceType
 from eal_actors.kernel import spans
@@ -59,7 +59,6 @@ if TYPE_CHECKING:
 
 ACCEPT_AFTER_S: Final = 0.1
 """Real seconds after which a running command is answered with ACCEPTED; its outcome follows as an event."""
-_MAX_REASON: Final = 500  # each ping and handshake contains it
 
 
 class RobotServer:
@@ -315,7 +314,7 @@ class RobotServer:
         elif method == keys.RELEASE:
             self._answer(reply_to, self._handler.release(header))
         elif method == keys.STOP:
-            reason = " ".join(map(str, header.arguments))[:_MAX_REASON]
+            reason = " ".join(map(str, header.arguments))[:MAX_REASON]
             urgent = reply_to._replace(is_urgent=True)
             self._robot.stop(reason).link(lambda done, _: self._answer(urgent, self._outcome(done)))
             self._unlogged_stop = reason

@@ -98,6 +98,14 @@ class Arm(api.Resource):
         """Take a number that is no part of the text."""
         self._notebook.note("put", str(number))
 
+    @api.command("mumble<seconds>", _SECONDS)
+    def mumble(self, seconds: float) -> api.Activity:
+        """Move for so long, and report what is no text."""
+        with self._move(f"mumble{seconds:g}"):
+            self.progress(0.5, OSError("\udcff"))  # type: ignore[arg-type]
+            yield seconds
+        return 1
+
     @api.command("jam")
     def jam(self) -> api.Activity:
         """Begin, and fail."""
