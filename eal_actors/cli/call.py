@@ -19,20 +19,21 @@ from eal_actors.device.data import EALData
 from eal_actors.device.info import unknown_name
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import Clock
-from eal_actors.kernel.errors import DeadlineError
+from eal_actors.kernel.errors import ConfigError, DeadlineError
 from eal_actors.kernel.printable import printable
-from eal_actors.kernel.yaml_source import plain_value
+from eal_actors.kernel.yaml_source import parse_yaml, plain_value
+from eal_actors.kernel.yaml_tree import plain
 
 _Call = Callable[[ResourceHandle, list[str], float | None], Future[Any]]
 
 
 def _parse_value(text: str) -> Any:
-    """Return the value of an argument, which is a YAML scalar; quotes force text."""
+    """Return the value of an argument, which is a YAML scalar or a list in brackets; quotes force text."""
     if len(text) >= 2 and text[0] == text[-1] and text[0] in "\"'":
         return text[1:-1]
     try:
-        return plain_value(text)
-    except ValueError as error:
+        return plain(parse_yaml(f"list: {text}", text).root["list"]) if text.startswith("[") else plain_value(text)
+    except (ConfigError, ValueError) as error:
         raise typer.BadParameter(str(error)) from None
 
 
@@ -69,7 +70,9 @@ def call_method(
     fleet: FleetOption,
     arguments: Annotated[
         list[str] | None,
-        typer.Argument(metavar="ARGUMENT", help="Arguments of the method: numbers, true, false, text."),
+        typer.Argument(
+            metavar="ARGUMENT", help="Arguments of the method: numbers, lists such as [1, 0.5], true, false, text."
+        ),
     ] = None,
     timeout_s: Annotated[
         float | None, typer.Option(min=0.0, help="Time limit in fleet seconds; default: timeout_s of the fleet file.")

@@ -175,6 +175,8 @@ class ConfigInfo:
 
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> str:
     """Return the message for an unknown name, with the nearest known one as a hint."""
+    if not isinstance(name, str):
+        return f"unknown {kind} {name!r}: it must be a text"
     return f"unknown {kind} {name!r}{did_you_mean(name, known)}"
 
 
@@ -228,6 +230,8 @@ class ResourceInfo:
 
     def takes_s(self, command: str) -> float:
         """Return the time that a command takes for its argument, in seconds; 0 if that is not known."""
+        if not isinstance(command, str):
+            return 0.0  # parse_command refuses it
         for prefix, info in self._timed_commands:
             if command.startswith(prefix) and _NUMBER.match(number := command[len(prefix) :]):
                 return abs(float(number)) * info.seconds_per_unit
@@ -299,7 +303,7 @@ def _parse(
             return info, data
     for info in known:
         prefix = info.prefix
-        if prefix is None or not text.startswith(prefix) or info.argument is None:
+        if prefix is None or not str(text).startswith(prefix) or info.argument is None:
             continue
         if (argument := _parse_number(text[len(prefix) :], info.argument)) is not None:
             info.argument.check(argument, f"{kind} {text!r}: its argument")

@@ -114,7 +114,8 @@ class FleetCalls(TravellingRobots, Mapping[str, RobotHandle]):
 
     def _chosen(self, robots: Iterable[RobotHandle | str]) -> list[RobotHandle]:
         """Return the handles of robots or names; raise ArgumentError if one is given twice."""
-        handles = [self[robot] if isinstance(robot, str) else robot for robot in robots]
+        chosen = [robots] if isinstance(robots, str) else robots  # one name, not its letters
+        handles = [self[robot] if isinstance(robot, str) else robot for robot in chosen]
         if len(set(handles)) != len(handles):
             raise ArgumentError(f"a robot is given twice: {', '.join(robot.name for robot in handles)}")
         return handles

@@ -65,8 +65,10 @@ def find_files(name: str | Path) -> tuple[Path, ...]:
     Raises ConfigError if no file has that name, in the working directory or bundled.
     """
     path = Path(name)
+    if not _is_bare(name):
+        return (path,)
     for here in (path, path.with_name(f"{path.name}{_SUFFIX}")):
-        if not _is_bare(name) or here.is_file():
+        if here.is_file():
             return (here,)
     shipped = (bundled_path(folder) / f"{name}{_SUFFIX}" for folder in _FOLDERS.values())
     if found := tuple(file for file in shipped if file.is_file()):
@@ -75,7 +77,8 @@ def find_files(name: str | Path) -> tuple[Path, ...]:
 
 
 def _is_bare(name: str | Path) -> bool:
-    return not Path(name).suffix and len(Path(name).parts) == 1
+    path = Path(name)
+    return bool(path.name) and not path.suffix and len(path.parts) == 1  # `.` and `/` have no name
 
 
 def _unknown(name: str | Path, kind: str, known: Iterable[str]) -> ConfigError:

@@ -87,7 +87,7 @@ class EALConfigManager:
         return tuple(chosen)
 
     def _require(self, what: str, wanted: Iterable[str], known: Iterable[str]) -> set[str]:
-        asked, existing = set(wanted), set(known)
+        asked, existing = {wanted} if isinstance(wanted, str) else set(wanted), set(known)  # one name, not its letters
         for name in sorted(asked - existing):
             owner = f"the fleet '{self.fleet.name}' has no robot"
             message = f"{owner} '{name}'" if what == "robot" else f"{owner} of {what} '{name}'"

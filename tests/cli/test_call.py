@@ -39,6 +39,28 @@ def test_arguments_are_yaml_scalars(eal: Any, text: str, seen: str) -> None:
     assert seen in result.stderr
 
 
+@pytest.mark.parametrize(
+    ("call", "printed"),
+    [
+        (["set_value", "[0.1, 0]"], "1\n"),
+        (["send_cmd", "goto", "[1.6, 0]"], "1\n"),
+        (["send_cmd", "follow", "[1.5, 0.1, 1.6, 0.1]"], "1\n"),
+    ],
+)
+def test_an_argument_may_be_a_list(eal: Any, call: list[str], printed: str) -> None:
+    result = eal("call", "roomba-1", "Base", *call, "-f", bundled_path("fleets/sim.yaml"))
+    assert (result.exit_code, result.stdout, result.stderr) == (0, printed, "")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"), [("[0.1, 0", "a ']' is missing"), ("[0.1, [0]]", "a list of float, list has no type")]
+)
+def test_a_wrong_list_is_refused(eal: Any, text: str, message: str) -> None:
+    result = eal("call", "roomba-1", "Base", "set_value", text, "-f", bundled_path("fleets/sim.yaml"))
+    assert result.exit_code == 2
+    assert message in result.stderr
+
+
 def test_json_tells_everything(eal: Any, slides: Path) -> None:
     result = eal("call", "two", "Slide", "get_config", "speed_m_s", "--fleet", slides, "--json")
     answer = json.loads(result.stdout)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -44,6 +45,7 @@ def test_values_and_statuses_come_by_robot(fleet: Fleet) -> None:
     assert fleet.send(NAMES, "Base", "f0.3").get() == dict.fromkeys(NAMES, 1)
     after = fleet.read([fleet["robot2"], "robot1"], "Pose").get()
     assert list(after) == ["robot2", "robot1"]
+    assert list(fleet.read("robot1", "Pose").get()) == ["robot1"]
     for name, pose in after.items():
         assert pose.value[0] - before[name].value[0] == pytest.approx(0.3, abs=1e-6)
 
@@ -57,6 +59,13 @@ def test_what_cannot_be_called_is_refused_before_anything_is_sent(fleet: Fleet) 
         fleet.read(["robot1", "robot9"], "Pose")
     assert all(not robot.running for robot in fleet.values())
     assert fleet.read([], "Pose").get() == {}
+
+
+def test_what_is_no_text_is_no_command_request_or_key(fleet: Fleet) -> None:
+    base: Any = fleet["robot1"]["Base"]
+    for call in (base.send_cmd(5), base.send_req(5), base.get_config(5), base.set_config(5, 1)):
+        with pytest.raises(ArgumentError, match=r"robot1/Base: unknown .* 5: it must be a text"):
+            call.get()
 
 
 def test_errors_fail_the_future_or_take_a_values_place(fleet: Fleet) -> None:

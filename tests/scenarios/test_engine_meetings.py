@@ -159,6 +159,16 @@ def test_who_fails_before_a_start_together_keeps_nobody_waiting(tmp_path: Path) 
     assert set(start.begins) == {"b", "c"}
 
 
+def test_a_command_that_fails_before_the_common_start_does_not_end_before_its_begin(tmp_path: Path) -> None:
+    with rigs(tmp_path, a={}, b={}) as fleet:
+        fleet.stop("kept still").get()
+        report = run(fleet, tmp_path, f"{ON}    - {{send_cmd: {{resource: Base, cmd: now}}, together: true}}\n")
+
+    assert report.outcome == "aborted"
+    assert [record.outcome for record in report.steps] == ["aborted", "aborted"]
+    assert all(record.start_s <= record.end_s for record in report.steps)
+
+
 def test_a_command_that_fails_together_is_tried_again_alone(tmp_path: Path) -> None:
     with rigs(tmp_path, a={"failures": 2}, b={}) as fleet:
         body = f"""{ON}

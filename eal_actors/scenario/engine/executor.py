@@ -304,6 +304,7 @@ class _Execution:
         context, action = self._context, self._action
 
         def ended(time_s: float) -> StepEnded:
+            began_s = start_s if action.began_s is None else action.began_s
             record = StepRecord(
                 robot=self._name,
                 role=context.role if action.role is None else action.role,
@@ -313,7 +314,7 @@ class _Execution:
                 label=action.label,
                 resource=action.resource,
                 command=action.command,
-                start_s=start_s if action.began_s is None else action.began_s,
+                start_s=min(began_s, time_s),  # the agreed time of a command that failed before it is still to come
                 end_s=time_s,
                 outcome=outcome,
                 attempts=attempts,

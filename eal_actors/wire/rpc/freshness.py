@@ -263,7 +263,8 @@ class CommandHistory(Generic[T]):
     def _refuse(self, stamp: Stamp, resource: str, age_s: float) -> NoReturn:
         """Raise StaleCommandError for a command of another run or of a wrong age."""
         if stamp.era != self.era:
-            raise _stale(stamp, resource, f"was meant for run {stamp.era} of the robot's server; this is {self.era}")
+            why = f"was meant for run {stamp.era} of the robot's server; this is run {self.era}"
+            raise _stale(stamp, resource, f"{why}: it was restarted meanwhile, or two processes serve the robot")
         if age_s < -_ROUNDING_S:
             raise _stale(
                 stamp,

@@ -8,7 +8,7 @@ import pytest
 
 from eal_actors.device.world import load_world
 from eal_actors.facade.eal import connect
-from eal_actors.kernel.bundled import Kind, bundled_names, bundled_path, find_file
+from eal_actors.kernel.bundled import Kind, bundled_names, bundled_path, find_file, find_files
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import load_scenario
@@ -44,9 +44,10 @@ def test_a_file_of_that_name_here_goes_before_it(file: str, here: Path) -> None:
     assert find_file("sim", "fleet") == Path(file)
 
 
-@pytest.mark.parametrize("path", ["sim.yaml", "fleets/sim", "fleets/sim.yaml", "/sim", "../sim", ""])
+@pytest.mark.parametrize("path", ["sim.yaml", "fleets/sim", "fleets/sim.yaml", "/sim", "../sim", "", ".", "/"])
 def test_a_path_means_itself(path: str) -> None:
     assert find_file(path, "fleet") == Path(path)
+    assert find_files(path) == (Path(path),)
 
 
 def test_a_folder_of_that_name_is_no_file(here: Path) -> None:

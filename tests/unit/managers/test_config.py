@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -66,13 +66,14 @@ def test_a_robot_is_found_by_name(sim: EALConfigManager) -> None:
         ({"names": ["roomba-1", "evbot2-1"]}, ["evbot2-1", "roomba-1"]),
         ({"names": []}, []),
         ({"tags": ["wheeled"]}, ["evbot3-1", "roomba-1"]),
+        ({"tags": "wheeled"}, ["evbot3-1", "roomba-1"]),
         ({"tags": ["vacuum", "tracked"]}, ["evbot2-1", "roomba-1"]),
         ({"types": ["evbot3"]}, ["evbot3-1"]),
         ({"tags": ["wheeled"], "names": ["evbot2-1", "evbot3-1"]}, ["evbot3-1"]),
         ({"tags": ["vacuum"], "types": ["evbot2"]}, []),
     ],
 )
-def test_robots_are_selected(sim: EALConfigManager, criteria: dict[str, list[str]], expected: list[str]) -> None:
+def test_robots_are_selected(sim: EALConfigManager, criteria: dict[str, Iterable[str]], expected: list[str]) -> None:
     assert names(sim.select(**criteria)) == expected
 
 
