@@ -15,7 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from eal_actors.actors.actor import AbandonedThread, EALActor
+from eal_actors.actors.actor import EALActor
 from eal_actors.actors.call import MOTION_METHODS, Call, ResourceCell
 from eal_actors.actors.inbox import Inbox
 from eal_actors.device.resource import Activity, Progress, Resource
@@ -29,6 +29,7 @@ from eal_actors.kernel.errors import (
     ReturnTypeError,
     error_text,
 )
+from eal_actors.kernel.unwinding import AbandonedThread
 
 
 class ScheduledCommand:

@@ -24,14 +24,10 @@ from eal_actors.actors.inbox import Action, Inbox
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import EALError, UnavailableError, error_text
 from eal_actors.kernel.log import get_logger
-from eal_actors.kernel.unwinding import raise_in
+from eal_actors.kernel.unwinding import AbandonedThread, raise_in
 
 UNWIND_S: Final = 0.5
 """Real time that an abandoned thread has to unwind before another thread halts its resource."""
-
-
-class AbandonedThread(BaseException):
-    """Raised inside the thread of a stuck actor that was abandoned, to unwind it."""
 
 
 class EALActor(pykka.ThreadingActor):

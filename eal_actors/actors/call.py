@@ -28,6 +28,7 @@ from eal_actors.kernel.errors import (
     UnavailableError,
 )
 from eal_actors.kernel.log import get_logger
+from eal_actors.kernel.unwinding import AbandonedThread
 
 T = TypeVar("T")
 
@@ -163,7 +164,9 @@ class Call(Future[T]):
     def _run_progress_callback(self, callback: Callable[[Progress], None], progress: Progress) -> None:
         try:
             callback(progress)
-        except (Exception, SystemExit, GeneratorExit):  # noqa: BLE001  # user code must not break the call
+        except (KeyboardInterrupt, AbandonedThread):  # they are meant for this thread
+            raise
+        except BaseException:  # noqa: BLE001  # user code must not break the call
             get_logger().exception("a call's progress-callback raised", call=self.describe())
 
     @override

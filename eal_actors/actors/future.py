@@ -23,6 +23,7 @@ from typing_extensions import override
 from eal_actors.kernel.clock import REAL_TIME, Clock, Timer, wait_in_scope
 from eal_actors.kernel.errors import CallCancelledError, DeadlineError, EALError, WaitTimeoutError
 from eal_actors.kernel.log import get_logger
+from eal_actors.kernel.unwinding import AbandonedThread
 
 T = TypeVar("T")
 M = TypeVar("M")
@@ -154,7 +155,9 @@ class Future(pykka.Future[T]):
     def _run_callback(self, callback: Callable[[Future[T]], None]) -> None:
         try:
             callback(self)
-        except (Exception, SystemExit, GeneratorExit):  # noqa: BLE001  # user code must not break the thread that finishes the call
+        except (KeyboardInterrupt, AbandonedThread):  # they are meant for this thread
+            raise
+        except BaseException:  # noqa: BLE001  # user code must not break the thread that finishes the call
             get_logger().exception("a future's done-callback raised", future=self.describe())
 
     def cancel(self) -> bool:

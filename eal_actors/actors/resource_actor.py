@@ -13,7 +13,6 @@ from typing import Any, Final, NamedTuple
 from typing_extensions import override
 
 from eal_actors.actors.activities import ScheduledCommand, status_of
-from eal_actors.actors.actor import AbandonedThread
 from eal_actors.actors.call import MOTION_METHODS, Call, ResourceCell
 from eal_actors.actors.readiness import ReadinessActor
 from eal_actors.actors.robot_view import RunningCommand, command_of, process_name
@@ -31,6 +30,7 @@ from eal_actors.kernel.errors import (
     UnavailableError,
     error_text,
 )
+from eal_actors.kernel.unwinding import AbandonedThread
 
 _ENDS: Final = "the resource is being stopped"
 _FLOATS: Final = (DataType.FLOAT, DataType.DOUBLE)

@@ -11,7 +11,7 @@ from typing import Any, Final, TypeVar
 
 from typing_extensions import override
 
-from eal_actors.actors.actor import UNWIND_S, AbandonedThread, EALActor, halt_if_still_stuck
+from eal_actors.actors.actor import UNWIND_S, EALActor, halt_if_still_stuck
 from eal_actors.actors.call import Call, ResourceCell
 from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
@@ -31,6 +31,7 @@ from eal_actors.kernel.errors import (
     error_text,
 )
 from eal_actors.kernel.log import get_logger
+from eal_actors.kernel.unwinding import AbandonedThread
 
 T = TypeVar("T")
 

@@ -23,6 +23,7 @@ from eal_actors.device.resource import Progress
 from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import DeadlineError, EALError, UnavailableError
 from eal_actors.kernel.log import get_logger
+from eal_actors.kernel.unwinding import AbandonedThread
 
 
 @cache
@@ -216,7 +217,9 @@ class RobotView:
     def _notify(self, observer: Callable[[RobotState], None], state: RobotState) -> None:
         try:
             observer(state)
-        except (Exception, SystemExit, GeneratorExit):  # noqa: BLE001  # user code must not break the robot's thread
+        except (KeyboardInterrupt, AbandonedThread):  # they are meant for this thread
+            raise
+        except BaseException:  # noqa: BLE001  # user code must not break the robot's thread
             get_logger(robot=self.name).exception("a callback of the robot's state raised")
 
     def note_readiness(self, name: str, reason: str | None) -> None:

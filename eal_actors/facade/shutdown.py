@@ -7,6 +7,7 @@ running. While a fleet is open they end the program as `sys.exit` does, unless t
 from __future__ import annotations
 
 import atexit
+import os
 import signal
 import sys
 import threading
@@ -38,6 +39,10 @@ def forget(close: Callable[[], None]) -> None:
 def _close_all() -> None:
     for close in list(_actions):
         close()
+
+
+if hasattr(os, "register_at_fork"):  # the robots of a child are its parent's
+    os.register_at_fork(after_in_child=_actions.clear)
 
 
 def _exit(number: int, _frame: FrameType | None) -> NoReturn:

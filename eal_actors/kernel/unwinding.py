@@ -20,6 +20,10 @@ _INSIDE: Final[set[int]] = set()  # the threads in an uninterrupted block
 _DUE: Final[dict[int, type[BaseException]]] = {}  # the exceptions that those threads raise at the end of the block
 
 
+class AbandonedThread(BaseException):
+    """Raised inside the thread of a stuck actor that was abandoned, to unwind it."""
+
+
 def raise_in(thread: threading.Thread, error: type[BaseException]) -> None:
     """Raise an exception in a thread: at its next call, or at the end of its uninterrupted block.
 

@@ -17,6 +17,7 @@ that are still in use. For the same reason no callback runs in the engine's thre
 from __future__ import annotations
 
 import atexit
+import os
 import sys
 import threading
 import weakref
@@ -78,6 +79,11 @@ def _leave() -> None:
             get_logger().warning("threads are still in the network engine; the program ends", threads=names)
             return
         REAL_TIME.sleep(_PERIOD_S)
+
+
+if hasattr(os, "register_at_fork"):  # a child has neither sessions nor threads to wait for
+    os.register_at_fork(after_in_child=_actions.clear)
+    os.register_at_fork(after_in_child=_threads.clear)
 
 
 def _threads_inside() -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import sys
+import asyncio
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -301,11 +301,16 @@ def test_an_error_that_cannot_be_shown_is_still_an_answer() -> None:
         robot["Sensor"].get_value().get()
 
 
-def test_a_callback_that_exits_harms_nobody() -> None:
+@pytest.mark.parametrize("error", [SystemExit, asyncio.CancelledError])
+def test_a_callback_that_exits_harms_nobody(error: type[BaseException]) -> None:
+    def leave(_: object) -> None:
+        raise error
+
     motor = Motor()
     with running_robot({"Motor": lambda: motor}) as robot:
-        robot["Motor"].get_value().add_done_callback(lambda _: sys.exit(1))
-        assert robot["Motor"].get_value().get().value == 0
+        robot["Motor"].send_cmd("drive").add_done_callback(leave)
+        assert robot["Motor"].halt().get() == 1  # the callback runs in the resource's thread
+        assert robot["Motor"].get_value().exception() is None
         assert robot.restarts == {}
 
 

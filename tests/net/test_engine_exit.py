@@ -70,6 +70,23 @@ match sys.argv[2]:
 """
 """Four threads read while the program ends in one of several ways."""
 
+PARENT = """
+import os, sys, time
+from eal_actors import Fleet
+fleet = Fleet.load(sys.argv[1]).connect()
+gauge = fleet["r1"]["Gauge"]
+gauge.get_value(timeout_s=30).get()
+child = os.fork()
+if not child:
+    sys.exit(5)
+before_s = time.monotonic()
+_, status = os.waitpid(child, 0)
+assert time.monotonic() - before_s < 5, "the child has waited"
+assert gauge.get_value(timeout_s=30).get().value == -42
+sys.exit(os.waitstatus_to_exitcode(status))
+"""
+"""Its child ends with an exit code of its own, and leaves the parent's fleet alone."""
+
 ENDS = {"return": 0, "sys.exit": 7, "close": 0, "SIGTERM": 143, "SIGINT": -2}
 
 
@@ -121,6 +138,12 @@ def test_a_thread_that_frees_its_session_at_the_end_does_not_abort_the_program()
     with ticking(endpoint):
         programs = [run(OWNER, endpoint) for _ in range(3)]
         assert [outcome(program) for program in programs] == [(0, "")] * 3
+
+
+def test_a_forked_child_ends_at_once_and_leaves_its_parents_fleet_alone(rig: Rig) -> None:
+    """It waited 25 s for its parent's threads."""
+    with rig.served_here():
+        assert outcome(run(PARENT, rig.file)) == (5, "")
 
 
 def count_endings(folder: Path, programs: int) -> dict[str, Counter[int]]:
