@@ -6,15 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.kernel.log import get_logger
-from evbotos.build import Build, cache_folder, kernel_key
+from evbotos.build import cache_folder, kernel_key
 from evbotos.definitions import load_definitions
 from evbotos.lock import read_lock
 from evbotos.model import Local, Platform
 from evbotos.qemu import Machine
-from tests.evbotos.proof import Proof, give_keys, require_tools, started
-
-_LOG = get_logger()
+from tests.evbotos.proof import Proof, built_proof, require_tools, started
 
 
 def has_kernel(platform: Platform, lock_file: Path) -> bool:
@@ -26,7 +23,6 @@ def has_kernel(platform: Platform, lock_file: Path) -> bool:
 @pytest.fixture(scope="session")
 def proof(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Proof:
     """The robot image for QEMU's PC, with keys of its own."""
-    folder = tmp_path_factory.mktemp("proof")
     found = load_definitions()
     platform, image = found.platform("qemu-amd64"), found.image("robot")
     require_tools(platform)
@@ -34,10 +30,7 @@ def proof(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
         has_kernel(platform, found.lock_path(platform, image)) or "evbotos" in request.config.getoption("markexpr")
     ):
         pytest.skip("no kernel in the cache yet; compiling it takes minutes: `make test-evbotos`")
-    fleet, local = give_keys(folder)
-    built = Build(platform, image, local, found.lock_path(platform, image), _LOG.info).run(folder / "out")
-    _LOG.info(f"root and kernel: {built.report['root_with_kernel_mb']} MB")
-    return Proof(platform, image, built, fleet, folder / "robot", folder / "ssh", folder / "update.pem")
+    return built_proof(platform, image, tmp_path_factory.mktemp("proof"))
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,8 +18,12 @@ from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption,
 from eal_actors import Fleet
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import EALError
+from eal_actors.kernel.log import get_logger
 from evbotos import slots, squash
+from evbotos.build import Build
+from evbotos.definitions import load_definitions
 from evbotos.hosttools import find_tool, needed_for
+from evbotos.lock import lock_path
 from evbotos.model import Image, Local, PackagedKernel, Platform
 from evbotos.outputs import Built
 from evbotos.qemu import Machine, running
@@ -58,6 +62,7 @@ LONGEST_BOOT_S = 400.0
 BUSY = 4.0
 """The maximum ratio of real time to processor time."""
 SERVES = "serves Base"
+_LOG = get_logger()
 
 
 @dataclass(frozen=True)
@@ -127,6 +132,36 @@ def give_access(folder: Path) -> Local:
     (folder / "update.pub.pem").write_bytes(public)
     ssh_key = (folder / "ssh.pub").read_text().strip()
     return Local(version=1, ssh_keys=(ssh_key,), update_key=str(folder / "update.pub.pem"))
+
+
+def built_proof(
+    platform: Platform,
+    image: Image,
+    folder: Path,
+    *,
+    fleet_text: str = FLEET,
+    current_packages: bool = False,
+    settings: Mapping[str, object] | None = None,
+) -> Proof:
+    """Build an image with keys of its own, and log its size; skip the test if a program is missing.
+
+    Args:
+        platform: the board.
+        image: the image definition.
+        folder: folder of everything that is made.
+        fleet_text: the fleet file.
+        current_packages: take what the archive offers now; the default is what the image's lock file names.
+        settings: changes of the builder's settings.
+    """
+    require_tools(platform)
+    fleet, local = give_keys(folder, fleet_text)
+    local = local.model_copy(update=settings)
+    lock_file = (
+        lock_path(platform, image, folder) if current_packages else load_definitions().lock_path(platform, image)
+    )
+    built = Build(platform, image, local, lock_file, _LOG.info).run(folder / "out", update_lock=current_packages)
+    _LOG.warning(f"{platform.name} {image.name}: root and kernel {built.report['root_with_kernel_mb']} MB")
+    return Proof(platform, image, built, fleet, folder / "robot", folder / "ssh", folder / "update.pem")
 
 
 @contextmanager

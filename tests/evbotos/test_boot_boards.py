@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 from eal_actors.kernel.log import get_logger
-from evbotos.build import Build
 from evbotos.definitions import load_definitions
 from evbotos.qemu import Machine
 from tests.evbotos.odometer import built_module
@@ -18,9 +17,8 @@ from tests.evbotos.proof import (
     SERVES,
     Proof,
     answer,
+    built_proof,
     first_answer_s,
-    give_keys,
-    require_tools,
     started,
     wait_for_words,
     wait_until,
@@ -48,13 +46,7 @@ pytestmark = [pytest.mark.evbotos, pytest.mark.slow, pytest.mark.timeout(3600)]
 def proof(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Proof:
     """The robot image of a board."""
     found = load_definitions()
-    image, platform = found.image("robot"), found.platform(request.param)
-    require_tools(platform)
-    folder = tmp_path_factory.mktemp(platform.name)
-    fleet, local = give_keys(folder)
-    built = Build(platform, image, local, found.lock_path(platform, image), _LOG.info).run(folder / "out")
-    _LOG.warning(f"{platform.name}: root and kernel {built.report['root_with_kernel_mb']} MB")
-    return Proof(platform, image, built, fleet, folder / "robot", folder / "ssh", folder / "update.pem")
+    return built_proof(found.platform(request.param), found.image("robot"), tmp_path_factory.mktemp(request.param))
 
 
 @pytest.fixture(scope="module")

@@ -11,16 +11,13 @@ import pytest
 
 from eal_actors import Fleet
 from eal_actors.kernel.errors import EALError
-from eal_actors.kernel.log import get_logger
-from evbotos.build import Build
 from evbotos.definitions import load_definitions
 from evbotos.run_command import memory_for
-from tests.evbotos.proof import FLEET, ROBOT, Proof, give_keys, require_tools, started, wait_until
+from tests.evbotos.proof import FLEET, ROBOT, Proof, built_proof, started, wait_until
 from tests.evbotos.usb_camera import HEIGHT, WIDTH, UsbCamera
 
 SIM = "sim: {model: evbot3}"
 CAMERA = "camera: {source: /dev/v4l/by-id/usb-1d6b_Emulated_Camera-video-index0, timeout_s: 30, frozen_after_s: 60}"
-_LOG = get_logger()
 
 pytestmark = [pytest.mark.evbotos, pytest.mark.slow, pytest.mark.timeout(1800)]
 
@@ -28,16 +25,9 @@ pytestmark = [pytest.mark.evbotos, pytest.mark.slow, pytest.mark.timeout(1800)]
 @pytest.fixture(scope="module")
 def proof(tmp_path_factory: pytest.TempPathFactory) -> Proof:
     """The image with OpenCV."""
-    folder = tmp_path_factory.mktemp("camera")
-    found = load_definitions()
-    platform, image = found.chosen("qemu-amd64", "vision")
-    require_tools(platform)
+    platform, image = load_definitions().chosen("qemu-amd64", "vision")
     assert SIM in FLEET
-    fleet, local = give_keys(folder, FLEET.replace(SIM, CAMERA))
-    build = Build(platform, image, local, found.lock_path(platform, image), _LOG.info)
-    built = build.run(folder / "out")
-    _LOG.warning(f"with OpenCV: root and kernel {built.report['root_with_kernel_mb']} MB")
-    return Proof(platform, image, built, fleet, folder / "robot", folder / "ssh", folder / "update.pem")
+    return built_proof(platform, image, tmp_path_factory.mktemp("camera"), fleet_text=FLEET.replace(SIM, CAMERA))
 
 
 def test_a_camera_that_is_plugged_in_takes_pictures_for_a_controller_outside(

@@ -12,18 +12,14 @@ from pathlib import Path
 import pytest
 
 from eal_actors.kernel.log import get_logger
-from evbotos.build import Build
 from evbotos.definitions import load_definitions
 from evbotos.fields import ROOTFS
-from evbotos.model import Local
 from evbotos.run_command import memory_for
 from tests.evbotos.proof import (
     SERVES,
-    Proof,
     answer,
+    built_proof,
     compressed_quickly,
-    give_keys,
-    require_tools,
     ssh,
     started,
     wait_for_words,
@@ -81,19 +77,11 @@ def test_lines_of_octave_are_answered_in_order_and_wrong_ones_with_words(tmp_pat
 @pytest.mark.evbotos
 @pytest.mark.timeout(3600)
 def test_octave_drives_the_robot_of_its_machine(tmp_path: Path) -> None:
-    found = load_definitions()
-    platform, image = found.chosen("qemu-amd64", "octave-robot")
-    require_tools(platform)
-    fleet, local = give_keys(tmp_path)
-    open_to_key = Local(
-        version=1, ssh_keys=local.ssh_keys
-    )  # without a fleet, so that programs on the machine may drive
+    platform, image = load_definitions().chosen("qemu-amd64", "octave-robot")
+    without_fleet = {"robot": None, "update_key": None}  # so that programs on the machine may drive
     with compressed_quickly():
-        build = Build(platform, image, open_to_key, found.lock_path(platform, image), _LOG.info)
-        built = build.run(tmp_path / "out")
-    _LOG.warning(f"root and kernel: {built.report['root_with_kernel_mb']} MB, compressed quickly")
-    proof = Proof(platform, image, built, fleet, tmp_path / "robot", tmp_path / "ssh", tmp_path / "update.pem")
-    disk = Path(shutil.copyfile(built.folder / "disk.img", tmp_path / "disk.img"))
+        proof = built_proof(platform, image, tmp_path, settings=without_fleet)
+    disk = Path(shutil.copyfile(proof.built.folder / "disk.img", tmp_path / "disk.img"))
     assert platform.emulator is not None
     with started(proof, disk, memory_mb=memory_for(platform.emulator, image)) as machine:
         wait_for_words(machine, SERVES)

@@ -8,16 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.kernel.log import get_logger
-from evbotos.build import Build
 from evbotos.definitions import load_definitions
 from evbotos.qemu import Machine
 from tests.evbotos.proof import (
     SERVES,
     Proof,
     answer,
-    give_keys,
-    require_tools,
+    built_proof,
     ssh,
     started,
     wait_for_words,
@@ -32,7 +29,6 @@ RADIOS = {
     "raspberrypi,4-model-b": "43455",
 }
 """The chips, by the names of the boards in their device trees."""
-_LOG = get_logger()
 
 pytestmark = [pytest.mark.evbotos, pytest.mark.slow, pytest.mark.timeout(3600)]
 
@@ -41,15 +37,10 @@ pytestmark = [pytest.mark.evbotos, pytest.mark.slow, pytest.mark.timeout(3600)]
 def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Proof, Machine]]:
     """A started Raspberry Pi 3 with the image `wireless` and an overlay."""
     folder = tmp_path_factory.mktemp("wifi")
-    found = load_definitions()
-    board, image = found.chosen("raspberry-pi", "wireless")
+    board, image = load_definitions().chosen("raspberry-pi", "wireless")
     platform = board.model_copy(update={"overlays": ("raspberry-pi-spi.dts",)})
-    require_tools(platform)
-    fleet, local = give_keys(folder)
-    built = Build(platform, image, local, found.lock_path(platform, image), _LOG.info).run(folder / "out")
-    _LOG.warning(f"root and kernel {built.report['root_with_kernel_mb']} MB")
-    proof = Proof(platform, image, built, fleet, folder / "robot", folder / "ssh", folder / "update.pem")
-    disk = Path(shutil.copyfile(built.folder / "disk.img", folder / "disk.img"))
+    proof = built_proof(platform, image, folder)
+    disk = Path(shutil.copyfile(proof.built.folder / "disk.img", folder / "disk.img"))
     with started(proof, disk) as machine:
         wait_for_words(machine, SERVES)
         yield proof, machine

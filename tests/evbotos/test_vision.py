@@ -15,9 +15,7 @@ import pytest
 from eal_actors import Fleet
 from eal_actors.kernel.errors import EALError
 from eal_actors.kernel.log import get_logger
-from evbotos.build import Build
 from evbotos.definitions import load_definitions
-from evbotos.lock import lock_path
 from evbotos.qemu import Machine
 from evbotos.run_command import memory_for
 from tests.evbotos.proof import (
@@ -27,9 +25,8 @@ from tests.evbotos.proof import (
     SERVES,
     Proof,
     answer,
+    built_proof,
     compressed_quickly,
-    give_keys,
-    require_tools,
     started,
     wait_for_words,
     wait_until,
@@ -48,13 +45,10 @@ def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Proof, M
     folder = tmp_path_factory.mktemp("vision")
     board, image = load_definitions().chosen("qemu-amd64", "vision")
     platform = board.model_copy(update={"kernel": DEBIAN_KERNEL})
-    require_tools(platform)
-    fleet, local = give_keys(folder, FLEET.replace("name: proof", "name: proof\nworld: lab"))
-    lock = lock_path(platform, image, folder / "locks")
+    in_lab = FLEET.replace("name: proof", "name: proof\nworld: lab")
     with compressed_quickly():
-        built = Build(platform, image, local, lock, _LOG.info).run(folder / "out", update_lock=True)
-    proof = Proof(platform, image, built, fleet, folder / "robot", folder / "ssh", folder / "update.pem")
-    disk = Path(shutil.copyfile(built.folder / "disk.img", folder / "disk.img"))
+        proof = built_proof(platform, image, folder, fleet_text=in_lab, current_packages=True)
+    disk = Path(shutil.copyfile(proof.built.folder / "disk.img", folder / "disk.img"))
     assert platform.emulator is not None
     with started(proof, disk, memory_mb=memory_for(platform.emulator, image)) as machine:
         wait_for_words(machine, SERVES)

@@ -9,9 +9,7 @@ from pathlib import Path
 import pytest
 
 from eal_actors.kernel.log import get_logger
-from evbotos.build import Build
 from evbotos.definitions import load_definitions
-from evbotos.lock import lock_path
 from evbotos.qemu import Machine
 from evbotos.wireless import Wifi, WirelessNetwork
 from tests.evbotos.proof import (
@@ -19,9 +17,8 @@ from tests.evbotos.proof import (
     SERVES,
     Proof,
     answer,
+    built_proof,
     compressed_quickly,
-    give_keys,
-    require_tools,
     ssh,
     started,
     wait_for_words,
@@ -88,15 +85,9 @@ def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Proof, M
     board, wireless = load_definitions().chosen("qemu-amd64", "wireless")
     platform = board.model_copy(update={"kernel": KERNEL})
     image = wireless.model_copy(update={"packages": (*wireless.packages, "hostapd")})
-    require_tools(platform)
-    fleet, local = give_keys(folder)
-    settings = local.model_copy(update={"wifi": WIFI})
     with compressed_quickly():
-        built = Build(platform, image, settings, lock_path(platform, image, folder / "locks"), _LOG.info).run(
-            folder / "out", update_lock=True
-        )
-    proof = Proof(platform, image, built, fleet, folder / "robot", folder / "ssh", folder / "update.pem")
-    disk = Path(shutil.copyfile(built.folder / "disk.img", folder / "disk.img"))
+        proof = built_proof(platform, image, folder, current_packages=True, settings={"wifi": WIFI})
+    disk = Path(shutil.copyfile(proof.built.folder / "disk.img", folder / "disk.img"))
     with started(proof, disk, memory_mb=256) as machine:
         wait_for_words(machine, SERVES)
         answer(proof, machine, OWN_NETWORK)

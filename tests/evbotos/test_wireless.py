@@ -6,13 +6,11 @@ from pathlib import Path
 import pytest
 
 from eal_actors.kernel.errors import ConfigError
-from eal_actors.kernel.log import get_logger
-from evbotos.build import Build
 from evbotos.definitions import load_definitions
 from evbotos.model import Local
 from evbotos.robot_files import access_files
 from evbotos.wireless import Wifi, WirelessNetwork, configuration
-from tests.evbotos.proof import SERVES, Proof, answer, give_keys, require_tools, started, wait_for_words
+from tests.evbotos.proof import SERVES, answer, built_proof, started, wait_for_words
 
 LOCAL = """version: 1
 wifi:
@@ -78,16 +76,10 @@ def test_wrong_settings_are_told_with_their_place(tmp_path: Path, changed: str, 
 @pytest.mark.evbotos
 @pytest.mark.timeout(3600)
 def test_the_image_starts_with_its_own_kernel_which_has_wifi(tmp_path: Path) -> None:
-    found = load_definitions()
-    platform, image = found.chosen("qemu-amd64", "wireless")
-    require_tools(platform)
-    log = get_logger()
-    fleet, local = give_keys(tmp_path)
-    built = Build(platform, image, local, found.lock_path(platform, image), log.info).run(tmp_path / "out")
-    log.warning(f"root and kernel: {built.report['root_with_kernel_mb']} MB")
-    assert built.report["root_with_kernel_mb"] <= image.budget_mb.root_with_kernel
-    proof = Proof(platform, image, built, fleet, tmp_path / "robot", tmp_path / "ssh", tmp_path / "update.pem")
-    disk = Path(shutil.copyfile(built.folder / "disk.img", tmp_path / "disk.img"))
+    platform, image = load_definitions().chosen("qemu-amd64", "wireless")
+    proof = built_proof(platform, image, tmp_path)
+    assert proof.built.report["root_with_kernel_mb"] <= image.budget_mb.root_with_kernel
+    disk = Path(shutil.copyfile(proof.built.folder / "disk.img", tmp_path / "disk.img"))
     with started(proof, disk) as machine:
         wait_for_words(machine, SERVES)
         for command in image.check:
