@@ -66,7 +66,11 @@ class ReadinessActor(ActivityActor):
             try:
                 step()
             except NotReadyError as error:  # a motion that lost its device could not halt it
-                if not self._owe_halt(error):
+                if self._owe_halt(error):
+                    return
+                if self._not_ready is None:
                     raise
+                if self.cell.owes_halt:  # otherwise it rests, and the log has said that it is not ready
+                    self._log.warning("closed before it could be halted", reason=error.message)
 
         return super().guarded(with_halt_owed)

@@ -64,7 +64,7 @@ def _scheme(config: FleetConfig, devices: list[LabDevice]) -> str:
     manifests, _ = discover(config.plugin_dirs)
     for device in devices:
         if (twin := device.plugin.file.twin) is not None and (simulation := manifests[twin.plugin].file.simulation):
-            return simulation.scheme
+            return simulation.scheme or twin.plugin
     raise PluginError("no plugin simulates the world of these devices: none of their manifests has a `twin`")
 
 

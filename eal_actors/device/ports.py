@@ -71,6 +71,7 @@ class ReopeningDevice(Generic[_D]):
         self._open_port = open_port
         self._clock = clock
         self._lock = threading.Lock()
+        self._user: int | None = None
         self._port: _D | None = None
         self._reason = f"{name} has not been opened"
         self._next_try_s: float | None = None
@@ -120,11 +121,16 @@ class ReopeningDevice(Generic[_D]):
     def use(self, action: Callable[[_D], _T]) -> _T:
         """Use the open device exclusively, for several reads or a change of its speed.
 
+        The action may use this object too, such as its `read` and `write`.
+
         Raises NotReadyError if it is not open, or it broke and is being reopened.
         """
+        if self._user == threading.get_ident() and self._port is not None:
+            return action(self._port)  # within an action, which has the lock and handles its errors
         with self._lock:
             if (port := self._port) is None:
                 raise NotReadyError(self.why_not_ready() or self._reason)
+            self._user = threading.get_ident()
             try:
                 return action(port)
             except EALError:  # before OSError, which some of them are
@@ -132,6 +138,8 @@ class ReopeningDevice(Generic[_D]):
             except _BROKEN as error:
                 self._lose(port, _why(error))
                 raise NotReadyError(self.why_not_ready() or self._reason) from error
+            finally:
+                self._user = None
 
     def close(self) -> None:
         """Close it for good; harmless if it is closed. Thread: blocks the caller for a second at most."""

@@ -57,10 +57,11 @@ class FaultSection(StrictModel):
 
 
 class SimulationSection(StrictModel):
-    """Declares that the plugin simulates robots in a shared world."""
+    """Declares that the plugin simulates robots, perhaps in a shared world."""
 
-    scheme: Annotated[str, Field(pattern=r"^[a-z][a-z0-9+.-]*$")]
-    """Scheme of its simulated ports: a driver joins the robot `NAME` of the world at `<scheme>://world/NAME`."""
+    scheme: Annotated[str, Field(pattern=r"^[a-z][a-z0-9+.-]*$")] | None = None
+    """Scheme of its simulated ports: a driver joins the robot `NAME` of the world at `<scheme>://world/NAME`. It
+    defaults to the plugin's name."""
     faults: dict[Name, FaultSection] = Field(default={}, json_schema_extra=NAMES_ONLY)
     """The faults that `eal prove` tries, by name. The plugin's setting `faults` is a list of faults, each with the
     times `at_s` and `until_s` of the fleet's clock."""
@@ -213,7 +214,9 @@ class PluginManifest:
             if (other := self.others.get(twin.plugin)) is None:
                 found.append(f"twin: {unknown_name('plugin', twin.plugin, self.others)}")
             elif other.file.simulation is None:
-                found.append(f"twin: the plugin {twin.plugin!r} declares no simulation")
+                found.append(
+                    f"twin: the plugin {twin.plugin!r} declares no simulation; if it is one, give it `simulation: {{}}`"
+                )
         if self.file.emulator is None and (self.folder / "conformance.py").is_file():
             found.append("conformance.py is not read; declare `emulator` in plugin.yaml")
         return found

@@ -132,9 +132,9 @@ class _TwinBuilder:
 def world_urls(manifests: Mapping[str, PluginManifest]) -> dict[str, str]:
     """Return, by the plugin that simulates it, the URL of a simulated world, under which its ports are."""
     return {
-        name: f"{manifest.file.simulation.scheme}://world"
+        name: f"{simulation.scheme or name}://world"
         for name, manifest in manifests.items()
-        if manifest.file.simulation is not None
+        if (simulation := manifest.file.simulation) is not None
     }
 
 

@@ -168,6 +168,18 @@ def test_a_motion_that_lost_its_device_is_halted_when_it_is_back(motor: Motor, l
     assert "cleaning up failed" not in log.getvalue()
 
 
+def test_the_log_of_the_end_without_the_device_has_only_halts_that_are_owed(motor: Motor, log: io.StringIO) -> None:
+    for is_halted in (False, True):
+        with running_robot({"Motor": lambda: motor}) as robot:
+            motor.reason = motor.absent = "unplugged"
+            with pytest.raises(NotReadyError):
+                robot["Motor"].get_value().get()
+            if is_halted:
+                robot["Motor"].halt().get()
+        assert ("closed before it could be halted" in log.getvalue()) == is_halted
+    assert '"level": "error"' not in log.getvalue()
+
+
 def test_a_robot_says_which_resources_are_not_ready_and_why(motor: Motor, log: io.StringIO) -> None:
     clock = ManualClock()
     motor.reason = "away"

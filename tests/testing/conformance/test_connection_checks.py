@@ -152,6 +152,12 @@ def test_a_good_driver_passes(pair: Path, name: str) -> None:
     assert run(pair, name) == CheckResult(next(check for check in CHECKS if check.name == name), "ok")
 
 
+def test_a_resource_that_is_left_out_is_not_unplugged(pair: Path) -> None:
+    (check,) = (check for check in CHECKS if check.name == "survives unplugging")
+    result = run_check(check, Bench(pair, settings_of({}), left_out=frozenset({"Left"})))
+    assert result == CheckResult(check, "ok")
+
+
 MISTAKES = {
     "says nothing when it comes up": (
         "waits for its device",
@@ -222,7 +228,7 @@ def test_settings_that_name_a_device_get_no_stand_in(pair: Path) -> None:
             "plugin 'pair': emulator emulator.py: AttributeError: .* has no attribute 'emulate'",
         ),
         ("plugin.yaml", "emulator: {", "emulator: {module: device, ", "emulator: there is no device.py in "),
-        ("plugin.yaml", "emulator: {", "twin: {plugin: sample}\nemulator: {", "twin: .* declares no simulation"),
+        ("plugin.yaml", "emulator: {", "twin: {plugin: sample}\nemulator: {", "twin: .* declares no simulation; if"),
         ("plugin.yaml", "emulator: {", "twin: {plugin: symu}\nemulator: {", "twin: unknown plugin 'symu'"),
     ],
 )
@@ -231,6 +237,14 @@ def test_a_wrong_declaration_is_named(pair: Path, file: str, before: str, after:
     result = run(pair, "starts")
     assert result.outcome == "failed"
     assert any(_matches(words, problem) for problem in result.problems), result.problems
+
+
+def test_a_plugin_of_ones_own_may_be_the_twin(pair: Path) -> None:
+    twin = pair.parent / "paper"
+    twin.mkdir()
+    (twin / "plugin.yaml").write_text(MANIFEST.split("emulator")[0].replace("pair", "paper") + "simulation: {}\n")
+    (pair / "plugin.yaml").write_text(MANIFEST + "twin: {plugin: paper}\n", encoding="utf-8")
+    assert run(pair, "starts").outcome == "ok"
 
 
 def test_a_hook_of_before_is_refused(pair: Path) -> None:

@@ -120,6 +120,27 @@ def test_writers_in_many_threads_never_interleave(cable: Cable) -> None:
     assert sorted(pieces) == sorted(frames * 3)
 
 
+def test_a_use_may_use_the_port_by_its_methods(cable: Cable) -> None:
+    cable.plug_in()
+    with closing(serial_port(cable)) as port, ThreadPoolExecutor(1) as pool:
+        port.open()
+
+        def ask(_: BytePort) -> bytes:
+            port.reset_input_buffer()
+            port.write(b"?")
+            assert port.why_not_ready() is None
+            return port.read()
+
+        assert pool.submit(port.use, ask).result(WAIT_S) == b""
+        assert cable.hear(1) == b"?"
+        cable.unplug()
+        with pytest.raises(NotReadyError, match="was lost"):
+            pool.submit(port.use, ask).result(WAIT_S)
+        cable.plug_in()
+        assert port.wait_until_open(WAIT_S)
+        assert pool.submit(port.use, ask).result(WAIT_S) == b""
+
+
 def test_closing_frees_the_port_and_ends_the_tries(cable: Cable) -> None:
     cable.plug_in()
     port = serial_port(cable)
