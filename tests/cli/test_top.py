@@ -59,7 +59,7 @@ class TestRobots:
     def test_states_commands_and_statistics_are_shown(self, fleet: Fleet, tmp_path: Path) -> None:
         clock: Any = fleet.clock
 
-        async def script(app: TopApp, _: Pilot[None]) -> None:
+        async def script(app: TopApp, pilot: Pilot[None]) -> None:
             assert cells(app, "one")[:8] == ["one", "ready", "0", "–", "0.0", "–", "–", "0"]
             for _number in range(20):
                 fleet["one"]["Slide"].get_status().get()
@@ -71,6 +71,10 @@ class TestRobots:
             assert one[4] == "2.1"  # 21 calls have ended in 10 s
             assert one[5:7] == ["0.0 ms", "0.0 ms"]
             assert "Slide to1" in one[8]
+            await pilot.pause()
+            table = app.screen_stack[0].query_one(DataTable)
+            shown = " ".join(table.render_line(1).text.split())
+            assert shown.startswith("one ready 0 – 2.1 0.0 ms 0.0 ms 0 Slide to1"), "columns are as wide as their cells"
             assert cells(app, "two")[4] == "0.0"
             assert text(app, "#head") == "slides: 2 of 2 robots ready"
             drive.cancel()
@@ -108,6 +112,16 @@ class TestRobots:
             await pilot.pause()
             assert not isinstance(app.screen, Details)
             await pilot.press("q")
+            assert app._exit
+
+        watch(fleet, tmp_path, script)
+
+    def test_ctrl_c_quits_from_every_screen(self, fleet: Fleet, tmp_path: Path) -> None:
+        async def script(app: TopApp, pilot: Pilot[None]) -> None:
+            await pilot.press("enter")
+            await pilot.pause()
+            assert isinstance(app.screen, Details)
+            await pilot.press("ctrl+c")
             assert app._exit
 
         watch(fleet, tmp_path, script)

@@ -69,6 +69,7 @@ class TopApp(App[None]):
         Binding("r", "resume_all", "Resume"),
         Binding("enter,d", "details", "Details", priority=True),
         Binding("q", "quit", "Quit"),
+        Binding("ctrl+c", "quit", show=False, priority=True),  # as it ends every other command
     ]
     ENABLE_COMMAND_PALETTE = False
 
@@ -121,7 +122,7 @@ class TopApp(App[None]):
             self._ping(robot)
             row = self.rows[name] = robot_row(robot, self._calls, self._pings, self._answers.get(name))
             for column, cell in zip(_COLUMNS, _cells(row), strict=True):
-                self._table.update_cell(name, column, cell)
+                self._table.update_cell(name, column, cell, update_width=True)
         base = self.screen_stack[0]
         ready = sum(row.state == RobotState.READY.value for row in self.rows.values())
         base.query_one("#head", Static).update(f"{self.fleet.name}: {ready} of {len(self.rows)} robots ready")

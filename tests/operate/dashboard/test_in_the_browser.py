@@ -105,6 +105,24 @@ def test_the_view_replays_a_run_and_links_to_its_report(open_page: OpenPage, fle
         assert all(robot.stopped_because for robot in fleet.values())
 
 
+def test_the_range_of_a_parameter_may_be_open(open_page: OpenPage, fleet: Fleet, tmp_path: Path) -> None:
+    (tmp_path / "turn.yaml").write_text(
+        "version: 1\nname: turn\nroles: {all: {}}\n"
+        "parameters: {volts: {type: double, minimum: 0, default: 6}, laps: {type: int, maximum: 3, default: 1}}\n"
+        "steps: [{log: hello}]\n"
+    )
+    with (
+        open_dashboard(fleet, scenarios=tmp_path, runs_dir=tmp_path / "runs") as dashboard,
+        open_page(dashboard.link + "#/scenario") as page,
+    ):
+        form = page.locator("main")
+        expect(form).to_contain_text("At least 0.")
+        expect(form).to_contain_text("At most 3.")
+        page.get_by_label("volts").fill("-1")
+        page.get_by_role("button", name="Start", exact=True).click()
+        expect(form).to_contain_text("volts must be double at least 0")
+
+
 def poses_after(fleet: Fleet, robot: str, start_s: float) -> set[tuple[float, ...]]:
     """Return the different poses of a robot in the second after a time of the fleet's clock."""
     places = set()

@@ -140,10 +140,18 @@ function isInRange(value, { minimum, maximum }, isInteger) {
 }
 
 /** @param {Parameter} section */
-export function describeRange({ choices, minimum, maximum, unit }) {
-  if (choices.length) return `One of ${choices.join(", ")}.`;
-  if (minimum === null && maximum === null) return "";
-  return `${minimum ?? ""} to ${maximum ?? ""}${unit ? ` ${unit}` : ""}.`;
+export function describeRange(section) {
+  if (section.choices.length) return `One of ${section.choices.join(", ")}.`;
+  const range = rangeText(section);
+  return range && `${range[0].toUpperCase()}${range.slice(1)}.`;
+}
+
+/** @param {Parameter} section */
+function rangeText({ minimum, maximum, unit }) {
+  const suffix = unit ? ` ${unit}` : "";
+  if (minimum !== null && maximum !== null) return `${minimum} to ${maximum}${suffix}`;
+  if (minimum !== null) return `at least ${minimum}${suffix}`;
+  return maximum === null ? "" : `at most ${maximum}${suffix}`;
 }
 
 /**
@@ -171,7 +179,7 @@ export function parameterField(section) {
       const value = Number(text);
       return isInRange(value, section, isInteger)
         ? { problem: null, value }
-        : { problem: `must be ${section.type} ${describeRange(section)}` };
+        : { problem: `must be ${section.type} ${rangeText(section)}` };
     },
   };
 }
