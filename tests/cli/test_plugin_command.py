@@ -96,7 +96,11 @@ def test_new_refuses_names_that_would_not_work(eal: Any, tmp_path: Path, name: s
 def test_check_tells_what_failed_and_why(eal: Any, slides: Path) -> None:
     folder = slides.parent / "plugins" / "slide"
     code = (folder / "plugin.py").read_text(encoding="utf-8")
-    (folder / "plugin.py").write_text(code.replace("float(speed_m_s)", "0.3"), encoding="utf-8")
+    forgets = """    def __setattr__(self, name: str, value: object) -> None:
+        super().__setattr__(name, 0.3 if name == "speed_m_s" and name in self.__dict__ else value)
+
+    def get_status"""
+    (folder / "plugin.py").write_text(code.replace("    def get_status", forgets), encoding="utf-8")
     result = eal("plugin", "check", folder)
     assert result.exit_code == 1
     lines = result.stdout.splitlines()
