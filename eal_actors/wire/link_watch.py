@@ -26,7 +26,7 @@ import contextlib
 import socket
 import struct
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Final, NamedTuple
 
@@ -173,8 +173,13 @@ def _connections() -> Iterator[tuple[Link, socket.socket]]:
     for end in tcp_sockets():
         with end, contextlib.suppress(OSError):  # it is not connected any more
             if not is_listening(end):
-                peer = end.getpeername()
-                yield Link(end.getsockname()[1], plain_address(peer[0]), peer[1]), end
+                yield _link(end), end
+
+
+def _link(end: socket.socket) -> Link:
+    """Return the ends of a connection; OSError if it is not connected."""
+    peer = end.getpeername()
+    return Link(end.getsockname()[1], plain_address(peer[0]), peer[1])
 
 
 def _received(end: socket.socket) -> int:
@@ -184,12 +189,16 @@ def _received(end: socket.socket) -> int:
     return received
 
 
-def hang_up(endpoints: Iterable[str]) -> None:
-    """End the connections to some endpoints over which nothing has come.
+def hang_up(endpoints: Iterable[str], links: Container[Link] = ()) -> None:
+    """End the connections to some endpoints that are none of the links: their handshakes are under way.
 
-    The engine would wait for the handshakes of silent ends, 10 s each, and a program that ends would wait for it.
+    The engine would wait for each of them, up to 10 s, and a program that ends would wait for it.
     """
     for end in sockets_to({parse_endpoint(endpoint).port for endpoint in endpoints}):
-        with end, contextlib.suppress(OSError):  # it is not connected any more
-            if not _received(end):
+        with end, contextlib.suppress(OSError):  # it has ended
+            try:
+                is_link = _link(end) in links
+            except OSError:  # nobody has answered yet
+                is_link = False
+            if not is_link:
                 end.shutdown(socket.SHUT_RDWR)

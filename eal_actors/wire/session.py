@@ -296,7 +296,7 @@ def _close_now(session: zenoh.Session) -> None:
 
 
 def _close(session: zenoh.Session, config: dict[str, Any]) -> None:
-    hurry = partial(hang_up, config["connect"]["endpoints"])
+    hurry = partial(hang_up, config["connect"]["endpoints"], set(links_of(session)))
     try:
         _in_time(lambda: _close_now(session), CLOSE_TIMEOUT_S, "eal-net-close", hurry, hurry_s=_QUIET_CLOSE_S)
     except TimeoutError:

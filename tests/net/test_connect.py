@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import socket
 import threading
-from collections.abc import Iterator
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import pytest
@@ -104,16 +104,37 @@ def test_one_robot_behind_a_router_is_reached_and_several_are_named(file: Path) 
                 connect(LOCALHOST, number)
 
 
+def greet_all(listener: socket.socket) -> Callable[[], None]:
+    """Accept all connections in a thread, say a few bytes and no more; return a function that ends this."""
+
+    def greet() -> None:
+        with ExitStack() as stack, suppress(OSError):  # it was shut down
+            while True:
+                end = stack.enter_context(listener.accept()[0])
+                end.sendall(b"SSH-2.0-other\r\n")
+
+    thread = threading.Thread(target=greet)
+    thread.start()
+
+    def end() -> None:
+        listener.shutdown(socket.SHUT_RDWR)
+        thread.join()
+
+    return end
+
+
 class TestSilentEnds:
     """The engine waits 10 s for the handshake of a silent end, and the end of the program for the engine."""
 
-    @pytest.fixture(params=[True, False], ids=["accepts", "is switched off"])
+    @pytest.fixture(params=["accepts", "greets", "is switched off"])
     def silent(self, request: pytest.FixtureRequest) -> Iterator[int]:
-        """The port of an end that accepts connections and says nothing, or does not answer at all."""
+        """The port of an end that accepts connections and says nothing more, or does not answer at all."""
         with ExitStack() as stack:
             end = stack.enter_context(socket.create_server((LOCALHOST, 0), backlog=0))
             number: int = end.getsockname()[1]
-            if not request.param:  # the kernel drops what comes beyond a full backlog
+            if request.param == "greets":  # as the servers of many other protocols do
+                stack.callback(greet_all(end))
+            elif request.param == "is switched off":  # the kernel drops what comes beyond a full backlog
                 stack.enter_context(socket.create_connection((LOCALHOST, number)))
             yield number
 
