@@ -34,9 +34,10 @@ def print_problems(console: Console, problems: Iterable[Problem]) -> None:
         for line in _excerpt(problem, files):
             print_line(console, Text(line, style="dim"))
         if (further := group[_MOST_EQUAL:]) and problem is group[_MOST_EQUAL - 1]:
+            what = "line" if len(further) == 1 else "lines"
             lines = ", ".join(str(one.line) for one in further[:_MOST_LINES])
             more = ", ..." if len(further) > _MOST_LINES else ""
-            print_line(console, f"{problem.file}: {len(further)} more with this problem, in lines {lines}{more}")
+            print_line(console, f"{problem.file}: {len(further)} more with this problem, in {what} {lines}{more}")
 
 
 def _excerpt(problem: Problem, files: dict[str, list[str]]) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ import ast
 import inspect
 import re
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from itertools import pairwise
 from types import UnionType
@@ -177,7 +177,7 @@ def problems_from(error: ValidationError, tree: YamlTree, model: object) -> list
         elif kind == "extra_forbidden" or detail["loc"][-1:] == ("[key]",):
             about_key = True
         messages = found.setdefault((path, about_key), [])
-        message = _message(dict(detail), annotations)
+        message = message_of(detail, annotations)
         if message not in messages:
             messages.append(message)
     return [tree.problem(path, _alternatives(messages), key=key) for (path, key), messages in found.items()]
@@ -270,7 +270,7 @@ def _inside(choice: object, element: int | str) -> list[object]:
     return []
 
 
-def _known_keys(annotations: list[object]) -> list[str]:
+def _known_keys(annotations: Sequence[object]) -> list[str]:
     models = [_untagged(choice) for choice in annotations]
     return [
         field.alias or name
@@ -280,7 +280,8 @@ def _known_keys(annotations: list[object]) -> list[str]:
     ]
 
 
-def _message(detail: dict[str, Any], annotations: list[object]) -> str:
+def message_of(detail: Mapping[str, Any], annotations: Sequence[object] = ()) -> str:
+    """Return pydantic's error about one value in our words; the annotations around it give the known keys."""
     kind, context, value = detail["type"], detail.get("ctx", {}), detail["input"]
     if kind == "extra_forbidden":
         key = str(detail["loc"][-1])

@@ -49,6 +49,12 @@ def test_a_hundred_equal_problems_are_shown_three_times(eal: Program, write: Wri
     assert len(done.stdout.splitlines()) < 25
 
 
+def test_one_more_equal_problem_is_in_a_line(eal: Program, write: Write) -> None:
+    robots = "".join(f"  r{number}: {{plugins: {{sim: {{modl: roomba}}}}}}\n" for number in range(4))
+    done = eal("check", write("f.yaml", f"version: 1\nrobots:\n{robots}"))
+    assert "1 more with this problem, in line 6\n" in done.stdout
+
+
 def test_problems_are_shown_in_the_order_of_the_file(eal: Program, write: Write) -> None:
     file = write("f.yaml", "version: 1\nrobots:\n  a: {x: 1}\n  b: {y: 1}\n  c: {x: 1}\n")
     told = [line for line in eal("check", file).stdout.splitlines() if line.startswith(str(file))]

@@ -145,8 +145,9 @@ def test_places_are_checked_before_anything_moves(hall: Simulation, step: str, p
     ("given", "part"),
     [
         ("{role: al, shape: line, spacing_m: 1}", "unknown role 'al'; did you mean 'all'?"),
-        ("{role: all, shape: lin, spacing_m: 1}", "invalid formation: shape: "),
-        ("{role: all, shape: line, spacing_m: 0}", "invalid formation: spacing_m: "),
+        ("{role: all, shape: lin, spacing_m: 1}", "invalid formation: shape: must be 'line', "),
+        ("{role: all, shape: lin, spacing_m: 1}", "not 'lin'; did you mean 'line'?"),
+        ("{role: all, shape: line, spacing_m: 0}", "invalid formation: spacing_m: must be over 0, not 0.0"),
         ("{role: all, shape: line, spacing_m: 1, at: esat}", "unknown place 'esat'"),
         ("{role: all, shape: line, spacing_m: 1, at: 7}", "a place must be the name of one"),
     ],
