@@ -51,7 +51,7 @@ def report_run(
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="The page; default: RUN/report.html.")] = None,
     show: Annotated[bool, typer.Option("--show", help="Open the page in a browser.")] = False,
 ) -> None:
-    """Write an HTML page about a run: paths, a time line of each robot, durations of calls, frames and errors.
+    """Write an HTML page about a run: paths, a time line of each robot, durations of steps, frames and errors.
 
     The page is one file that needs no server and no network.
     """

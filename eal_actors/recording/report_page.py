@@ -36,7 +36,7 @@ _MOST_IMAGE_BYTES: Final = 4_000_000
 
 @dataclass(frozen=True, slots=True)
 class Latency:
-    """Durations of the successful calls with one label, in seconds of the fleet's clock; `count` is of all calls."""
+    """Durations of the successful steps with one label, in seconds of the fleet's clock; `count` is of all of them."""
 
     label: str
     count: int
@@ -53,7 +53,7 @@ class RobotRow:
     name: str
     outcome: str
     error: str
-    calls: int
+    steps: int
     busy_s: float
     travelled_m: float | None
 
@@ -183,10 +183,10 @@ def _latencies(run: RunFolder) -> list[Latency]:
         if event["event"] == "step_ended":
             records.setdefault(str(event["record"]["label"]), []).append(event["record"])
     found = []
-    for label, calls in records.items():
-        done_s = sorted(call["end_s"] - call["start_s"] for call in calls if call["outcome"] == "done")
+    for label, steps in records.items():
+        done_s = sorted(step["end_s"] - step["start_s"] for step in steps if step["outcome"] == "done")
         median_s, p99_s, longest_s = (_quantile(done_s, share) for share in (0.5, 0.99, 1.0))
-        found.append(Latency(label, len(calls), median_s, p99_s, longest_s, len(calls) - len(done_s)))
+        found.append(Latency(label, len(steps), median_s, p99_s, longest_s, len(steps) - len(done_s)))
     return found
 
 

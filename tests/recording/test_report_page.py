@@ -54,6 +54,14 @@ def test_the_page_names_outcome_robots_and_seed(page: _Page) -> None:
     assert "off we go" in text
 
 
+def test_what_the_page_counts_are_steps_since_a_wait_is_no_call(page: _Page, run: Path) -> None:
+    ended = [event["record"] for event in RunFolder.open(run).events if event["event"] == "step_ended"]
+    row = page.texts.index("roomba-1", page.texts.index("distance [m]"))
+    numbers = [text for text in page.texts[row:] if text.isdecimal()]
+    assert numbers[0] == str(sum(record["robot"] == "roomba-1" for record in ended))
+    assert "Durations of steps" in page.texts
+
+
 def test_the_page_shows_the_saved_images(page: _Page) -> None:
     assert sum(link.startswith("data:image/png") for link in page.links) >= 2
     assert "roomba-1/frame.png" in page.texts

@@ -93,13 +93,14 @@ def test_robots_swap_places_visit_others_and_form_a_line(hall: Simulation) -> No
         "visit: [north, [-1.0, -1.0, 45]]\n        split: true\n        do:\n          - let: {seen: place}",
         "let: {at: value('Pose')}",
     )
-    text += "  - formation: {role: all, shape: line, spacing_m: 1.0, at: west}\n"
+    text += "  - formation: {role: all, shape: \"${'line'}\", spacing_m: 1.0, at: west}\n"
     with hall:
         report = hall.run(text)
         assert report.error is None
         labels = [(step.robot, step.label) for step in report.steps]
         places = believed(hall)
     assert {("a", "go_to east"), ("b", "go_to west"), ("a", "visit north"), ("b", "visit (-1, -1, 45)")} <= set(labels)
+    assert (None, "formation all line") in labels
     assert {name: robot.variables["seen"] for name, robot in report.robots.items()} == {
         "a": "north",
         "b": [-1.0, -1.0, 45.0],

@@ -109,6 +109,7 @@ class FormationStep(TimedStep, kind="formation"):
     def attempt(self, action: StepAction) -> Coroutine:
         run, context = action.run, action.context
         names = run.namespace(context)
+        action.label = f"formation {self.formation.role} {render(self.formation.shape, names)}"
         slots = run.slots_of(self.formation.role, context)
         action.role = next((slot.role for slot in slots), None)
         robots = {slot.robot.name: slot.robot.handle for slot in slots}
