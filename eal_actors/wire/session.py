@@ -61,6 +61,10 @@ _TLS_HANDSHAKE_MS: Final = 20_000
 each TLS handshake that fails: while strangers fail faster than that, nobody's is finished in a shorter time. And an
 engine's handshake that is cut off near its end leaves a link that is not read (link_watch), as 2 s did on slow boards.
 """
+_DIAL_TIMEOUT_MS: Final = 10_000
+"""Time-out of a dial, the engine's default."""
+_ROUTER_DIAL_TIMEOUT_MS: Final = _HANDSHAKE_MS
+"""The same of a router over plain links: only then is the next one dialled, where one is frozen or switched off."""
 _MAX_FRAGMENTED_BYTES: Final = MAX_PAYLOAD_BYTES + 2 * MAX_ENVELOPE_BYTES
 """Largest message that a controller or a router puts together of the engine's fragments: an image. Robots take none,
 since they receive large calls as parts; see wire.format.parts."""
@@ -172,6 +176,7 @@ def _config(
 ) -> dict[str, Any]:
     answers = network.discovery and bool(listen)  # controllers, and robots behind routers, cannot be dialled
     protocols = sorted({parse_endpoint(endpoint).protocol for endpoint in (*listen, *connect)})
+    is_plain_client = mode == "client" and {"tls", "quic"}.isdisjoint(protocols)
     return {
         "mode": mode,
         # Discovery never connects anything: the fleet file decides what belongs together.
@@ -199,6 +204,7 @@ def _config(
                 "max_sessions": max(_MIN_SESSIONS, sessions),
                 "accept_pending": _MAX_HANDSHAKES,
                 "accept_timeout": _TLS_HANDSHAKE_MS if protocols == ["tls"] else _HANDSHAKE_MS,
+                "open_timeout": _ROUTER_DIAL_TIMEOUT_MS if is_plain_client else _DIAL_TIMEOUT_MS,
                 "compression": {"enabled": network.compression},
             },
             "link": {
@@ -212,15 +218,18 @@ def _config(
 
 @contextmanager
 def open_session(
-    config: dict[str, Any], timeout_s: float = 5.0, on_stuck: Callable[[], object] | None = None
+    config: dict[str, Any],
+    timeout_s: float = 5.0,
+    on_stuck: Callable[[], object] | None = None,
+    is_wanted: Callable[[], bool] = lambda: True,
 ) -> Iterator[zenoh.Session]:
     """Open a session for the length of a `with` block, with a configuration from this module.
 
     A client waits for the first router that answers. Peers and routers open without waiting; a refused link, for
     example for a missing certificate, shows only as calls without replies. `on_stuck` is called when the engine
     finishes no handshake any more; the session should be opened again then. Raises UnavailableError if the port is in
-    use, no router answers, or it took longer than `timeout_s` real seconds, and ProtocolError if zenoh does not take
-    the configuration.
+    use, no router answers, it is no longer wanted, or it took longer than `timeout_s` real seconds and, for each router
+    but the last, a dial; and ProtocolError if zenoh does not take the configuration.
 
     Thread: any; blocks while it opens, and up to CLOSE_TIMEOUT_S while it closes.
     """
@@ -236,7 +245,7 @@ def open_session(
         raise_file_limit()
         return_buffers()
     with ExitStack() as stack:
-        session = _open(checked, config, timeout_s)
+        session = _open(checked, config, timeout_s, is_wanted)
         stack.callback(_close, session, config)
         most = ROUTER_STRANGERS if config["mode"] == "router" else ROBOT_STRANGERS
         ports = frozenset(parse_endpoint(text.partition("#")[0]).port for text in config["listen"]["endpoints"])
@@ -255,21 +264,27 @@ def links_of(session: zenoh.Session) -> Iterator[Link]:
             yield Link(here.port, plain_address(there.host), there.port)
 
 
-def _open(checked: zenoh.Config, config: dict[str, Any], timeout_s: float) -> zenoh.Session:
+def _open(
+    checked: zenoh.Config, config: dict[str, Any], timeout_s: float, is_wanted: Callable[[], bool]
+) -> zenoh.Session:
     import zenoh
 
+    if config["mode"] == "client":
+        timeout_s += (len(config["connect"]["endpoints"]) - 1) * config["transport"]["unicast"]["open_timeout"] / 1000
     end_s = REAL_TIME.now() + timeout_s
     hurry = partial(hang_up, config["connect"]["endpoints"])
     while True:
         left_s = max(end_s - REAL_TIME.now(), 0.0)
         try:
-            return _in_time(lambda: zenoh.open(checked), left_s, "eal-net-open", hurry, discard=_close_now)
+            return _in_time(
+                lambda: zenoh.open(checked), left_s, "eal-net-open", hurry, discard=_close_now, is_wanted=is_wanted
+            )
         except TimeoutError:
             places = ", ".join(endpoints_of(config))
             raise UnavailableError(f"{places}: the network session did not open within {timeout_s:g} s") from None
         except zenoh.ZError as error:
             is_waiting = config["mode"] == "client" and "connect" in str(error)
-            if not is_waiting or REAL_TIME.now() + _RETRY_S >= end_s:
+            if not is_waiting or not is_wanted() or REAL_TIME.now() + _RETRY_S >= end_s:
                 raise _open_error(error, config) from error
         REAL_TIME.sleep(_RETRY_S)
 
@@ -283,6 +298,7 @@ def _open_error(error: Exception, config: dict[str, Any]) -> EALError:
     if "assign requested address" in reason:
         return UnavailableError(f"{place}: cannot listen there: this machine has no such address")
     if config["mode"] == "client":
+        place = ", ".join(endpoints_of(config))
         return UnavailableError(f"{place}: no router answers there; `eal router` runs one")
     return UnavailableError(f"{place}: the network session cannot be opened: {reason}")
 
@@ -312,11 +328,12 @@ def _in_time(
     *,
     hurry_s: float = math.inf,
     discard: Callable[[T], object] = lambda _: None,
+    is_wanted: Callable[[], bool] = lambda: True,
 ) -> T:
-    """Return the result of a call into zenoh that may hang, made in its own thread; TimeoutError if it takes longer.
+    """Return the result of a call into zenoh that may hang, made in its own thread.
 
-    `hurry`, which makes the call end soon, is called after `hurry_s`, and at the time-out or an interruption; `discard`
-    gets a later result. Thread: blocks the caller.
+    Raises TimeoutError if it takes longer, or is no longer wanted. `hurry`, which makes the call end soon, is called
+    after `hurry_s`, and at the time-out or an interruption; `discard` gets a later result. Thread: blocks the caller.
     """
     outcome: Future[T] = Future()
     waiter = new_waiter()
@@ -333,8 +350,9 @@ def _in_time(
         if hurry_s < timeout_s and not REAL_TIME.wait(waiter, hurry_s):
             hurry()
             timeout_s -= hurry_s
-        if not outcome.done():
-            REAL_TIME.wait(waiter, timeout_s)
+        end_s = REAL_TIME.now() + timeout_s
+        while not outcome.done() and is_wanted() and (left_s := end_s - REAL_TIME.now()) > 0:
+            REAL_TIME.wait(waiter, min(left_s, _RETRY_S))
         return outcome.result(timeout=0)
     except (TimeoutError, KeyboardInterrupt):
         outcome.add_done_callback(lambda late: discard(late.result()) if late.exception() is None else None)

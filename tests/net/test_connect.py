@@ -146,6 +146,15 @@ class TestSilentEnds:
         assert not [line["event"] for line in logs if "abandoned" in line["event"]]
         assert not engine_calls()
 
+    def test_a_fleet_closes_at_once_while_no_router_answers(self, silent: int) -> None:
+        with capture_logs() as logs:
+            fleet = Fleet(fleet_of({"routers": [endpoint(silent)]}, {"r1": "router"}))
+            fleet.connect()
+            assert f"no router answers at {endpoint(silent)}" in str(fleet.problems[0])
+            fleet.close(timeout_s=1.5)
+        assert not [line["event"] for line in logs if "in time" in line["event"] or "abandoned" in line["event"]]
+        assert eventually(lambda: not engine_calls())
+
     def test_a_search_for_a_robot_ends_at_its_time_out(self, silent: int, file: Path) -> None:
         with pytest.raises(UnavailableError, match="nobody answers"):
             connect(LOCALHOST, silent)

@@ -194,6 +194,13 @@ class TestOpening:
                 pass
             silent.accept()[0].close()  # which ends the attempt
 
+    def test_the_next_router_is_used_where_one_is_frozen(self) -> None:
+        with socket.create_server(("127.0.0.1", 0)) as frozen:
+            routers = [f"tcp/127.0.0.1:{frozen.getsockname()[1]}", endpoint()]
+            fleet = fleet_of({"routers": routers}, {"r1": "router"})
+            with open_session(router_config(routers[1:])), open_session(robot_config(fleet, "r1")) as robot:
+                assert eventually(lambda: list(robot.info.routers_zid()))
+
     def test_it_waits_for_a_router_that_comes(self) -> None:
         router, opened = endpoint(), threading.Event()
         fleet = fleet_of({"routers": [router]}, {"r1": "router"})

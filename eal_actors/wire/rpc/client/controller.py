@@ -111,6 +111,7 @@ class Controller(EALActor):
         self._versions: dict[str, int] = {}  # protocol versions of the live robots
         self._transport: Transport | None = None
         self._stack = ExitStack()
+        self._is_ending = False
         self.sender: Final = CallSender(f"{config.name} sender", self.put, self.is_alive)
         self._urgent_sender = Sender(f"{config.name} urgent sender")
         self._callbacks = EALActor(f"{config.name} callbacks", clock)
@@ -157,8 +158,11 @@ class Controller(EALActor):
     def _open(self) -> None:
         """Open the session; may take seconds if a router does not answer."""
         try:
-            session = self._stack.enter_context(open_session(self._network))
+            opening = open_session(self._network, is_wanted=lambda: not self._is_ending)
+            session = self._stack.enter_context(opening)
         except EALError as error:
+            if self._is_ending:
+                return
             get_logger(fleet=self.fleet).error("the network cannot be opened", reason=error.message)
             self._lose_robots(f"cannot be reached: {error.message}")
             self.actor_inbox.call_later(self.clock.of_real(1.0), self._open)
@@ -222,6 +226,7 @@ class Controller(EALActor):
 
     def shut_down(self) -> None:
         """Close the session, and end. Thread: any; does not block."""
+        self._is_ending = True
         with contextlib.suppress(EALError):  # it has ended
             self.actor_inbox.call_soon(self._stop)
 
@@ -263,6 +268,14 @@ class Controller(EALActor):
             if self._listeners.get(listener.name) is listener:
                 del self._listeners[listener.name]
                 self.local.disconnect(listener.name)
+
+    def why_silent(self, address: str) -> str:
+        """Return why nothing has come from a robot at an address."""
+        if self._transport is None and self._network["mode"] == "client":
+            return f"cannot be reached: no router answers at {', '.join(self._network['connect']['endpoints'])}"
+        others = self.foreign.describe()
+        what = f"; robots of another fleet do, which only its own file commands: {others}" if others else ""
+        return f"does not answer at {address}{what}"
 
     def is_alive(self, robot: str) -> bool:
         """Return whether the robot's liveliness token is there, with our protocol version."""

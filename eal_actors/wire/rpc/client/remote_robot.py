@@ -95,9 +95,7 @@ class RemoteRobot(EALActor):
             if is_busy and self._controller.is_alive(self.name):  # it may be one of a thousand
                 self.actor_inbox.call_later(self.clock.of_real(CONNECT_S), self._stop_waiting)
                 return
-            others = self._controller.foreign.describe()
-            what = f"; robots of another fleet do, which only its own file commands: {others}" if others else ""
-            self._note_lost(f"does not answer at {self.address}{what}; the connection is retried")
+            self._note_lost(f"{self._controller.why_silent(self.address)}; the connection is retried")
         self.view.started.set(None)
 
     # Callbacks of the controller, in the readers' threads.
