@@ -24,7 +24,7 @@ def dance(robots: list[RobotHandle]) -> list[str]:
 def main() -> None:
     """Read the command line and dance."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--fleet", default="fleets/sim.yaml")
+    parser.add_argument("--fleet", default="sim")
     arguments = parser.parse_args()
     with Fleet.load(arguments.fleet) as fleet:
         print(f"finished the dance: {', '.join(dance(list(fleet.values())))}")

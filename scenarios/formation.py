@@ -6,7 +6,7 @@ from eal_actors import Fleet
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--fleet", default="fleets/formation.yaml")
+    parser.add_argument("--fleet", default="formation")
     parser.add_argument("--shape", default="circle", choices=["line", "column", "wedge", "circle", "grid"])
     parser.add_argument("--spacing", type=float, default=1.0, help="from neighbour to neighbour, in m")
     arguments = parser.parse_args()

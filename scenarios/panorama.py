@@ -37,7 +37,7 @@ def take_panorama(robots: list[RobotHandle]) -> dict[str, Shots]:
 def main() -> None:
     """Read the command line, take the pictures, stitch and save them."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--fleet", default="fleets/panorama.yaml")
+    parser.add_argument("--fleet", default="panorama")
     parser.add_argument("--out", type=Path, default=Path("runs"), help="the folder for the pictures")
     parser.add_argument("--field-of-view", type=float, default=60.0, help="of the cameras, in degrees")
     arguments = parser.parse_args()

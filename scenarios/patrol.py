@@ -31,7 +31,7 @@ def patrol(fleet: Fleet, laps: int = 3, rest_s: float = 5.0) -> list[tuple[str, 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--fleet", default="fleets/patrol.yaml")
+    parser.add_argument("--fleet", default="patrol")
     parser.add_argument("--laps", type=int, default=3)
     arguments = parser.parse_args()
     with Fleet.load(arguments.fleet) as patrolled:

@@ -31,7 +31,7 @@ def relay(fleet: Fleet, laps: int) -> dict[str, int]:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--fleet", default="fleets/relay.yaml")
+    parser.add_argument("--fleet", default="relay")
     parser.add_argument("--laps", type=int, default=2)
     arguments = parser.parse_args()
     with Fleet.load(arguments.fleet) as fleet:

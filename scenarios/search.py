@@ -34,7 +34,7 @@ def search(fleet: Fleet, beacon: int = 0) -> tuple[str, float] | None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--fleet", default="fleets/search.yaml")
+    parser.add_argument("--fleet", default="search")
     parser.add_argument("--beacon", type=int, default=0, help="its number, in the order of the world file")
     arguments = parser.parse_args()
     with Fleet.load(arguments.fleet) as seeking:

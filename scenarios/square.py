@@ -21,7 +21,7 @@ def drive_square(robot: RobotHandle) -> None:
 def main() -> None:
     """Read the command line and drive."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--fleet", default="fleets/sim.yaml")
+    parser.add_argument("--fleet", default="sim")
     parser.add_argument("--robot", help="the robot's name; the fleet's first if left out")
     arguments = parser.parse_args()
     with Fleet.load(arguments.fleet) as fleet:

@@ -48,7 +48,7 @@ def prove(robot: RobotHandle, side_m: float = SIDE_M, squares: int = SQUARES) ->
 def main() -> None:
     """Read the command line and calibrate the first robot whose true pose is known."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--fleet", default="fleets/uncalibrated.yaml")
+    parser.add_argument("--fleet", default="uncalibrated")
     parser.add_argument("--side", type=float, default=SIDE_M, help="length of a side, in m")
     parser.add_argument("--squares", type=int, default=SQUARES, help="number each way")
     arguments = parser.parse_args()

@@ -80,7 +80,7 @@ def draw(points: np.ndarray, out: Path) -> None:
 def main() -> None:
     """Read the command line, survey and draw."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--fleet", default="fleets/survey.yaml")
+    parser.add_argument("--fleet", default="survey")
     parser.add_argument("--robot", default="surveyor")
     parser.add_argument("--out", type=Path, default=Path("map.png"))
     arguments = parser.parse_args()

@@ -50,7 +50,7 @@ def wander(fleet: Fleet, robot: RobotHandle, duration_s: float) -> tuple[int, st
 def main() -> None:
     """Read the command line and wander."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--fleet", default="fleets/sim.yaml")
+    parser.add_argument("--fleet", default="sim")
     parser.add_argument("--robot", default="roomba-1")
     parser.add_argument("--seconds", type=float, default=30.0, help="of the fleet's clock")
     arguments = parser.parse_args()

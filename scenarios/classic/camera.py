@@ -1,6 +1,6 @@
 """Turn in place and take pictures (Source: thesis table 6.2).
 
-Usage: EAL_FLEET=fleets/sim.yaml camera.py HOST PORT [FOLDER]
+Usage: EAL_FLEET=sim camera.py HOST PORT [FOLDER]
 """
 
 import sys

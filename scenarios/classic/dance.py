@@ -1,6 +1,6 @@
 """The group dance (Source: thesis §6.2.3, table 6.3).
 
-Usage: EAL_FLEET=fleets/sim.yaml dance.py HOST...
+Usage: EAL_FLEET=sim dance.py HOST...
 
 Departs from table 6.3: `sendCmd` waits for the end of a step here, so each step has a task for each robot, which
 replaces the program's sleep. A robot that fails a step leaves the dance.

@@ -1,6 +1,6 @@
 """Drive a robot in a square, forward and then backward (Source: thesis table 6.1).
 
-Usage: EAL_FLEET=fleets/sim.yaml square.py [ROBOT], where ROBOT is needed if the fleet has several robots.
+Usage: EAL_FLEET=sim square.py [ROBOT], where ROBOT is needed if the fleet has several robots.
 """
 
 import sys

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import cv2
@@ -11,6 +12,7 @@ import pytest
 
 from eal_actors import Fleet
 from eal_actors.facade import connections
+from eal_actors.managers.config import EALConfigManager
 from eal_actors.testing import Simulation
 from scenarios import dance, panorama, square, square_umbmark, survey, wander
 from scenarios.classic import camera as classic_camera
@@ -51,6 +53,15 @@ def test_dance_turns_every_robot_by_the_sum_of_its_steps() -> None:
         turned = (before[name][2] - after[name][2] - math.radians(right_deg) + math.pi) % (2 * math.pi) - math.pi
         assert abs(turned) < math.radians(45)
         assert math.dist(before[name][:2], after[name][:2]) < 0.1
+
+
+def test_programs_find_their_fleets_in_any_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    programs = [file for file in (SIM.parents[1] / "scenarios").glob("*.py") if "--fleet" in file.read_text()]
+    names = [re.findall(r'"--fleet", default="(.*?)"', file.read_text()) for file in programs]
+    assert len(programs) == 10
+    for (name,) in names:
+        assert EALConfigManager.load(name).fleet.robots
 
 
 def test_a_dancer_that_fails_leaves_and_the_others_continue(capsys: pytest.CaptureFixture[str]) -> None:
