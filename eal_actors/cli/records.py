@@ -162,7 +162,7 @@ def replay_run(
         fleet = _replay_fleet(recorded, run, rate=chosen, loop=loop, port=port if serve else None)
         file = out or run / _REPLAY
         following = shlex.join(_next_command(run, file))
-    _write_text(file, yaml.safe_dump(fleet, sort_keys=False))
+    _write_text(file, yaml.safe_dump(fleet, sort_keys=False, allow_unicode=True))
     print_line(stdout(), f"{file}: {counted(len(recorded.infos), 'robot')}, {recorded.duration_s:.1f} s")
     print_line(stdout(), f"next: {following}", "dim")
     if serve:

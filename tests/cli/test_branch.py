@@ -82,6 +82,11 @@ def test_a_branch_without_the_fault_has_the_same_past_and_ends_well(eal: Any, ru
     refused = eal("branch", run, "--at", "1.2", "--without-fault", "stuck_left")
     assert refused.exit_code != 0
     assert "its faults are: ann.dead" in " ".join(refused.output.split())
+    before = set((tmp_path / "runs").iterdir())
+    refused = eal("branch", run, "--at", "1.2", "--with-fault", "bob.deaf")
+    assert refused.exit_code == 2
+    assert "unknown key 'deaf'; did you mean 'dead'?" in refused.output
+    assert set((tmp_path / "runs").iterdir()) == before, "what is refused leaves no folder"
     (tmp_path / "empty").mkdir()
     refused = eal("branch", tmp_path / "empty", "--at", "1", "--set", "leg_m=0.1")
     assert refused.exit_code == 2

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -93,12 +94,8 @@ def branch(request: BranchRequest, runs_dir: Path) -> Branch:
     config = load_content(content, past.config.source)
     copied = RepeatedPast(past.folder, round(request.at_s - _SAMPLED_S, 3), start_s, request.at_s)
     for repeated in (copied, None) if copied.until_s > 0 else (None,):
-        directory = new_run_folder(runs_dir, f"{scenario.name}-branch")
-        facts = {"run": str(request.run), "at_s": request.at_s, "without": list(request.without)}
-        facts |= {"added": dict(request.added), "parameters": dict(request.parameters)}
-        with folder_errors(directory):
-            (directory / BRANCH).write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
-        report = _perform(scenario, config, past, directory, (request.at_s, values), repeated)
+        make_folder = partial(_make_folder, request, runs_dir, f"{scenario.name}-branch")
+        directory, report = _perform(scenario, config, past, make_folder, (request.at_s, values), repeated)
         made = RunFolder.open(directory)
         before = first_difference(past.folder, made, request.at_s)
         if before is None:
@@ -112,20 +109,30 @@ def branch(request: BranchRequest, runs_dir: Path) -> Branch:
     raise AssertionError("the last try returns or raises")
 
 
+def _make_folder(request: BranchRequest, runs_dir: Path, name: str) -> Path:
+    directory = new_run_folder(runs_dir, name)
+    facts = {"run": str(request.run), "at_s": request.at_s, "without": list(request.without)}
+    facts |= {"added": dict(request.added), "parameters": dict(request.parameters)}
+    with folder_errors(directory):
+        (directory / BRANCH).write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
+    return directory
+
+
 def _perform(
     scenario: Scenario,
     config: FleetConfig,
     past: RecordedInput,
-    directory: Path,
+    make_folder: Callable[[], Path],
     change: tuple[float, Mapping[str, object]],
     repeated: RepeatedPast | None,
-) -> Report:
-    """Run and record the branch; change its parameters when it is time."""
+) -> tuple[Path, Report]:
+    """Run and record the branch, in a folder that is made when nothing is wrong; change its parameters in time."""
     at_s, values = change
     with Fleet(config).connect(past.robots) as fleet:
         for problem in fleet.problems:
             raise problem
         plan = make_plan(scenario, fleet, binding=past.binding)
+        directory = make_folder()
         with folder_errors(directory):
             keep_provenance(directory, config, scenario)
             recorded = [name for name in plan.robots if name not in plan.lost]
@@ -136,7 +143,7 @@ def _perform(
             if values and not ends_before(future, fleet.clock, at_s):
                 run.set_parameters(values)
             ends_before(future, fleet.clock, None)
-        return future.get()
+        return directory, future.get()
 
 
 def _start_s(scenario: Scenario, past: RecordedInput) -> float:
