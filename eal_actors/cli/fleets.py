@@ -91,6 +91,9 @@ def _advice(config: FleetConfig, problem: PluginError) -> Iterator[str]:
             if manifest.missing_modules():
                 yield "Install what is missing, then try again."  # the error itself names the modules
                 return
+    if isinstance(problem.__cause__, PluginError):  # not a mistake of the plugin
+        yield "Correct its settings in the fleet file."
+        return
     if isinstance(problem.__cause__, OSError):
         yield advise_on_device(problem.message) or SEE_DEVICE
     yield f"Details: `eal plugin check {folder}`"

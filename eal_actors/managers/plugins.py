@@ -194,6 +194,8 @@ class EALPluginManager:
         context = PluginContext(robot, settings.instance, checked, services)
         try:
             plugin = _with_context(module.connect, context)
+        except PluginError as error:  # its message says what is wrong
+            raise PluginError(f"plugin {manifest.name!r}: {error.message}") from error
         except (Exception, SystemExit, KeyboardInterrupt, GeneratorExit) as error:
             raise PluginError(f"plugin {manifest.name!r}: connect raised {error_text(error)}") from error
         if not isinstance(plugin, EALPlugin):

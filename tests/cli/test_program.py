@@ -134,6 +134,16 @@ def test_what_to_do_about_a_plugin(eal: Any, slides: Path, move: Path) -> None:
         assert advice == [f"Details: `eal plugin check {plugin.parent}`"]
 
 
+def test_what_to_do_about_settings_that_a_plugin_refuses(eal: Any, write: Any) -> None:
+    fleet = write(
+        "far.yaml",
+        "version: 1\nworld: lab\nrobots: {r: {plugins: {sim: {model: roomba, start: {x_m: 150, y_m: 0}}}}}\n",
+    )
+    result = eal("call", "r", "Pose", "get_value", "--fleet", fleet)
+    assert "plugin 'sim': robot 'r' cannot start at x 150 m, y 0 m" in result.stderr
+    assert last_lines(result) == ["Correct its settings in the fleet file."]
+
+
 def test_what_to_do_about_missing_modules(eal: Any, slides: Path) -> None:
     manifest = slides.parent / "plugins" / "slide" / "plugin.yaml"
     manifest.write_text(manifest.read_text(encoding="utf-8") + "requires: [no_such_module]\n", encoding="utf-8")

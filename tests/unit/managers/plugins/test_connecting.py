@@ -34,6 +34,10 @@ def test_connect_create_destroy_and_disconnect_go_in_order(write: Write, manager
         (("def destroy_Thing(", "def destroy_thing("), "lacks the function destroy_Thing()"),
         (('LOG.append("connect")', "1 / 0"), "connect raised ZeroDivisionError"),
         (('LOG.append("connect")', "raise SystemExit"), "connect raised SystemExit"),
+        (
+            ('LOG.append("connect")', "from eal_actors.plugin import PluginError; raise PluginError('no room')"),
+            "bot: plugin 'probe': no room",
+        ),
         (('return EALPlugin("Thing")', "return 5"), "connect returned 5, which is no EALPlugin"),
         (('EALPlugin("Thing")', 'EALPlugin("Thing", "More")'), "names Thing, but connect names More, Thing"),
         (('EALPlugin("Thing")', 'EALPlugin(2, "Thing")'), "promised 2 resources, but only 1"),
