@@ -19,6 +19,7 @@ calls too where a dial fails, as it does between two machines or two users.
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import select
 import socket
@@ -31,6 +32,7 @@ from typing import Final
 import msgpack
 
 from eal_actors.device.data import Payload
+from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.wire import engine_exit
@@ -51,6 +53,8 @@ _GREETING_S: Final = 2.0
 """Real seconds within which each end must greet the other; a busy machine may need one."""
 _STALLED_S: Final = 0.5
 """Real seconds after which a call that waits for a full buffer ends the link, as it does in the engine."""
+_NO_DESCRIPTOR_S: Final = 0.1
+"""Real seconds between two attempts to accept a link while no descriptor is free."""
 _CREDENTIALS: Final = "3i"
 _YES: Final = b"\x01"
 
@@ -160,23 +164,26 @@ class LocalListener:
         self._receive = receive
         self._lock = threading.Lock()
         self._links: set[LocalLink] = set()
-        self._listener = _packet_socket()
+        self._listener = _listener(process)
         if self._listener is not None:
-            self._listener.bind(_name(process))
-            self._listener.listen(_MOST_LINKS)
             self._forget = engine_exit.close_at_exit(self.close)
             engine_exit.start_thread(partial(self._accept, self._listener), "local links")
 
     def _accept(self, listener: socket.socket) -> None:
-        with contextlib.suppress(OSError):  # it is closed
-            while True:
+        while True:
+            try:
                 end, _ = listener.accept()
-                try:
-                    is_welcome = self._greet(end)
-                except (OSError, ValueError):
-                    is_welcome = False
-                if not is_welcome:
-                    end.close()
+            except OSError as error:
+                if error.errno not in (errno.EMFILE, errno.ENFILE):  # it is closed
+                    return
+                REAL_TIME.sleep(_NO_DESCRIPTOR_S)
+                continue
+            try:
+                is_welcome = self._greet(end)
+            except (OSError, ValueError):
+                is_welcome = False
+            if not is_welcome:
+                end.close()
 
     def _greet(self, end: socket.socket) -> bool:
         end.settimeout(_GREETING_S)
@@ -204,11 +211,27 @@ class LocalListener:
             link.close()
 
 
+def _listener(process: str) -> socket.socket | None:
+    """Return a socket that listens at the name of a process; None where there can be none."""
+    listener = _packet_socket()
+    if listener is not None:
+        try:
+            listener.bind(_name(process))
+            listener.listen(_MOST_LINKS)
+        except OSError:
+            listener.close()
+            return None
+    return listener
+
+
 def _packet_socket() -> socket.socket | None:
-    """Return a new packet socket; None where there are none, or no abstract names."""
+    """Return a new packet socket; None where there are no abstract names, or the system grants no such socket."""
     if not hasattr(socket, "SO_PEERCRED"):
         return None
-    return socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    try:
+        return socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    except OSError:  # a service may be restricted to the internet's families; or no descriptor is free
+        return None
 
 
 def _name(process: str) -> str:

@@ -232,6 +232,39 @@ def test_other_users_get_no_link(remote: RobotHandle) -> None:
     assert done.stdout == "None\n"
 
 
+NO_DESCRIPTORS = """
+import os, resource, socket, time
+from eal_actors.wire.local_link import LocalListener, _name, dial
+early = LocalListener("early", lambda port: True, print)
+ends = [socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(2)]
+resource.setrlimit(resource.RLIMIT_NOFILE, (64, resource.getrlimit(resource.RLIMIT_NOFILE)[1]))
+held = []
+try:
+    while True:
+        held.append(os.open(os.devnull, os.O_RDONLY))
+except OSError:
+    pass
+late = LocalListener("late", lambda port: True, print)
+assert dial("early", 1) is None
+for end in ends:
+    end.connect(_name("early"))
+    end.send(b"1")
+time.sleep(0.2)  # the listener had a descriptor for the first of them alone
+for number in held:
+    os.close(number)
+for end in ends:
+    end.settimeout(30)
+    assert end.recv(1) == bytes([1])
+late.close()
+early.close()
+"""
+"""A program that may open no socket for a while, as in a restricted service or with all descriptors in use."""
+
+
+def test_without_sockets_there_is_no_link_and_no_harm() -> None:
+    subprocess.run([sys.executable, "-c", NO_DESCRIPTORS], timeout=2 * WAIT_S, check=True)
+
+
 def test_a_stop_does_not_wait_for_room(rig: Rig, remote: RobotHandle) -> None:
     """The buffer of the link is full: the stop goes over the engine."""
     remote["Arm"].send_cmd("move30")
