@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from pathlib import Path
 from typing import Final, Literal
 
@@ -35,21 +35,18 @@ def bundled_names(kind: Kind) -> tuple[str, ...]:
     return tuple(sorted(file.stem for file in bundled_path(_FOLDERS[kind]).glob(f"*{_SUFFIX}")))
 
 
-def bundled_instead(path: Path, kind: Kind) -> str:
-    """Return a hint at the bundled file of a name, for a path in a folder that does not exist; else nothing."""
-    is_known = not path.parent.is_dir() and path.stem in bundled_names(kind)
-    return f"; the framework has one: write '{path.stem}'" if is_known else ""
-
-
 def find_file(name: str | Path, kind: Kind, folder: Path | None = None) -> Path:
     """Return the file of a path or a name.
 
     A path, which has a folder or a suffix, is returned as it is. A name such as `dance` is the file `dance` or
     `dance.yaml` of the folder, by default the working directory, or else the bundled one. Raises ConfigError if no file
-    has that name, in the folder or bundled.
+    has that name, in the folder or bundled, or the path does not exist and the framework has a file of that name.
     """
     path = Path(name) if folder is None else folder / name
-    if not _is_bare(name) or path.is_file():
+    if not _is_bare(name):
+        _refuse_path_of_bundled(path, bundled_names(kind))
+        return path
+    if path.is_file():
         return path
     here = path.with_name(f"{path.name}{_SUFFIX}")
     shipped = bundled_path(_FOLDERS[kind]) / here.name
@@ -62,10 +59,11 @@ def find_file(name: str | Path, kind: Kind, folder: Path | None = None) -> Path:
 def find_files(name: str | Path) -> tuple[Path, ...]:
     """Return the files of a path or a name, whatever their kinds: fleets, scenarios and worlds may share a name.
 
-    Raises ConfigError if no file has that name, in the working directory or bundled.
+    Raises ConfigError if no file has that name, in the working directory or bundled; see `find_file`.
     """
     path = Path(name)
     if not _is_bare(name):
+        _refuse_path_of_bundled(path, {known for kind in _FOLDERS for known in bundled_names(kind)})
         return (path,)
     for here in (path, path.with_name(f"{path.name}{_SUFFIX}")):
         if here.is_file():
@@ -79,6 +77,17 @@ def find_files(name: str | Path) -> tuple[Path, ...]:
 def _is_bare(name: str | Path) -> bool:
     path = Path(name)
     return bool(path.name) and not path.suffix and len(path.parts) == 1  # `.` and `/` have no name
+
+
+def _refuse_path_of_bundled(path: Path, names: Container[str]) -> None:
+    """Refuse a path such as `fleets/sim.yaml` that exists in a checkout only; its name works in every folder."""
+    if path.suffix in ("", _SUFFIX) and path.stem in names:
+        try:
+            path.stat()
+        except (FileNotFoundError, NotADirectoryError):
+            raise file_error(path, f"no such file; the framework has one: write '{path.stem}'") from None
+        except (OSError, ValueError):  # its reader reports it
+            return
 
 
 def _unknown(name: str | Path, kind: str, known: Iterable[str]) -> ConfigError:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from eal_actors.device.world import WorldModel, load_world
-from eal_actors.kernel.bundled import Kind, bundled_instead, find_file
+from eal_actors.kernel.bundled import Kind, find_file
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.strict_model import model_of
 from eal_actors.kernel.suggestions import did_you_mean, numbered_name_meant
@@ -355,5 +355,5 @@ def _find(mark: Mark, target: str, kind: Kind) -> Path:
         raise FileNotFoundError(error.problems[0].message) from None
     if not path.is_file():
         hint = did_you_mean(path.name, [file.name for file in path.parent.glob("*.yaml")])
-        raise FileNotFoundError(f"no such file: {path}{hint}{bundled_instead(path, kind)}")
+        raise FileNotFoundError(f"no such file: {path}{hint}")
     return path

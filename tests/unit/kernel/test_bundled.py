@@ -44,10 +44,20 @@ def test_a_file_of_that_name_here_goes_before_it(file: str, here: Path) -> None:
     assert find_file("sim", "fleet") == Path(file)
 
 
-@pytest.mark.parametrize("path", ["sim.yaml", "fleets/sim", "fleets/sim.yaml", "/sim", "../sim", "", ".", "/"])
+@pytest.mark.parametrize("path", ["my.yaml", "fleets/my", "fleets/my.yaml", "/my", "../my", "sim.txt", "", ".", "/"])
 def test_a_path_means_itself(path: str) -> None:
     assert find_file(path, "fleet") == Path(path)
     assert find_files(path) == (Path(path),)
+
+
+@pytest.mark.parametrize("path", ["sim.yaml", "fleets/sim", "fleets/sim.yaml", "../sim"])
+def test_a_path_of_a_checkout_is_told_the_name(path: str, here: Path) -> None:
+    for find in (lambda: find_file(path, "fleet"), lambda: find_files(path)):
+        with pytest.raises(ConfigError, match=r"sim.*: no such file; the framework has one: write 'sim'$"):
+            find()
+    (here / "fleets").mkdir()
+    (here / "fleets/sim.yaml").write_text("")
+    assert find_file("fleets/sim.yaml", "fleet") == Path("fleets/sim.yaml")
 
 
 def test_a_folder_of_that_name_is_no_file(here: Path) -> None:
