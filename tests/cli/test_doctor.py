@@ -128,6 +128,27 @@ class TestRemoteRobots:
         ((level, what),) = findings(result, "robots")
         assert (level, "does not answer" in what) == ("problem", True)
 
+    def test_a_host_name_without_an_address_is_named(self, eal: Any, write: Any) -> None:
+        file = write("f.yaml", "version: 1\nrobots: {one: {address: tcp/one.invalid:50000, plugins: {sample: {}}}}\n")
+        result = eal("doctor", "--fleet", file)
+        assert "No address is known here for one.invalid" in " ".join(result.stdout.split())
+
+    def test_a_missing_router_is_named(self, eal: Any, write: Any) -> None:
+        with socket.create_server(("127.0.0.1", 0)) as other:
+            router = f"tcp/127.0.0.1:{other.getsockname()[1]}"
+        file = write(
+            "f.yaml",
+            f"""\
+            version: 1
+            network: {{routers: [{router}]}}
+            robots: {{one: {{address: router, plugins: {{sample: {{}}}}}}}}
+            """,
+        )
+        result = eal("doctor", "--fleet", file)
+        text = " ".join(result.stdout.split())
+        assert f"no router answers at {router}" in text
+        assert "Check that eal router runs" in text
+
 
 @pytest.fixture
 def secured(write: Any, tmp_path: Path) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import Final
@@ -10,6 +11,7 @@ from eal_actors.actors.robot_view import Ping, RobotState, release
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import EALError
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.managers.network_model import BEHIND_ROUTER, parse_endpoint
 from eal_actors.operate.doctor.diagnostic import Diagnostic, ok, problem, warning
 
 _AREA: Final = "robots"
@@ -46,11 +48,31 @@ def ping_robots(config: FleetConfig, names: Iterable[str]) -> tuple[dict[str, Pi
 
 
 def _unreached(name: str, address: str, error: EALError) -> Diagnostic:
-    advice = (
-        f"On the robot, run: eal serve --fleet FLEET --robot {name}. Check that the robot is on, that {address} is "
-        "its address, that no firewall blocks it, and that both ends have keys of the same authority."
-    )
+    serve = f"On the robot, run: eal serve --fleet FLEET --robot {name}."
+    if address == BEHIND_ROUTER:
+        advice = (
+            f"{serve} Check that eal router runs, that the robot and this machine reach it, and that all have keys of "
+            "the same authority."
+        )
+    elif reason := _unknown_host(address):
+        advice = f"{reason}. Check the name and that the robot is on, or write its IP address into the fleet file."
+    else:
+        advice = (
+            f"{serve} Check that the robot is on, that {address} is its address, that no firewall blocks it, and that "
+            "both ends have keys of the same authority."
+        )
     return problem(_AREA, f"{name}: {error.message}", advice)
+
+
+def _unknown_host(address: str) -> str | None:
+    """Return why a host name has no address here; None if it has one. Thread: blocks the caller for some seconds."""
+    endpoint = parse_endpoint(address)
+    try:
+        socket.getaddrinfo(endpoint.host, endpoint.port)
+    except (OSError, UnicodeError) as error:  # the second for names that no host can have
+        reason = getattr(error, "strerror", None) or str(error)
+        return f"No address is known here for {endpoint.host}: {reason.lower()}"
+    return None
 
 
 def judge_ping(name: str, ping: Ping, ours: str) -> Iterator[Diagnostic]:
