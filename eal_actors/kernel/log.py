@@ -43,7 +43,10 @@ set_call: Final = _call_id.set
 
 
 def _add_context(_: object, __: str, event: structlog.typing.EventDict) -> structlog.typing.EventDict:
-    for key, value in _resource.get().items():
+    thread = _resource.get()
+    if event.get("robot", thread.get("robot")) != thread.get("robot"):
+        return event  # about another robot, from a callback in this resource's thread
+    for key, value in thread.items():
         event.setdefault(key, value)
     if (call_id := _call_id.get()) is not None:
         event.setdefault("call", call_id)

@@ -45,6 +45,25 @@ def test_the_front_page_shows_map_robots_cameras_and_alerts_at_four_sizes(open_p
         assert all(0.1 < radius_m < 0.3 for radius_m in radii)
 
 
+@pytest.mark.parametrize(("more", "state"), [("", "not ready"), (", sample: {}", "partly ready")])
+def test_a_robot_whose_device_is_absent_says_why_once(
+    open_page: OpenPage, tmp_path: Path, more: str, state: str
+) -> None:
+    file = tmp_path / "fleet.yaml"
+    roomba = "roomba: {protocol: oi, port: /dev/nowhere}"
+    file.write_text(f"version: 1\nrobots: {{create: {{plugins: {{{roomba}{more}}}}}}}\n")
+    with (
+        Fleet.load(file).connect() as fleet,
+        open_dashboard(fleet) as dashboard,
+        open_page(dashboard.link + "#/fleet") as page,
+    ):
+        row = page.locator("tr", has_text="create")
+        expect(row.locator(".state")).to_have_text(re.compile(rf"{state}$"))
+        expect(row.get_by_text("cannot open /dev/nowhere")).to_have_count(1)
+        page.goto(dashboard.link + "#/robot/create")
+        expect(page.get_by_text("cannot open /dev/nowhere")).to_have_count(1)
+
+
 def test_nothing_covers_the_tools_of_the_map_in_any_view(open_page: OpenPage, fleet: Fleet, tmp_path: Path) -> None:
     (tmp_path / "turn.yaml").write_text(scenario_of("send_cmd: {resource: Base, cmd: turn9}", role="all"))
     on_top = """(node) => {

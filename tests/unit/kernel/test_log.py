@@ -25,6 +25,7 @@ class Chatty(Resource):
     @command("talk")
     def talk(self) -> None:
         get_logger().info("hello from the plugin")
+        get_logger(robot="another").info("it has not answered")
 
 
 def test_json_lines_name_robot_resource_and_call_wherever_they_are_written() -> None:
@@ -36,6 +37,8 @@ def test_json_lines_name_robot_resource_and_call_wherever_they_are_written() -> 
     lines = [json.loads(line) for line in stream.getvalue().splitlines()]
     spoken = next(line for line in lines if line["event"] == "hello from the plugin")
     assert (spoken["robot"], spoken["resource"], spoken["level"]) == ("robot", "Chatty", "info")
+    other = next(line for line in lines if line["event"] == "it has not answered")
+    assert (other["robot"], other.get("resource"), other.get("call")) == ("another", None, None)
     failed = next(line for line in lines if line["event"] == "call failed")
     assert failed["method"] == "send_cmd 'shout'"
     assert {line["call"] for line in lines if line["event"] == "call"} == {spoken["call"], failed["call"]}

@@ -2,7 +2,7 @@
 
 import { clockTime, el, linkToRobot, setText } from "./dom.js";
 import { stateIcon } from "./icons.js";
-import { LOW_BATTERY, stateOf, store } from "./store.js";
+import { LOW_BATTERY, reasonsNotReady, stateOf, store } from "./store.js";
 
 /** @import { Robot, Tone } from "./types" */
 /** @typedef {{ tone: Tone, shape: string, text: string }} Finding */
@@ -63,17 +63,6 @@ function addRobot(alerts, name, robot) {
     const text = robot.last_error.replaceAll(`${name}/`, ""); // so that those of several robots are the same
     alerts.add(name, { tone: "warn", shape: "▲", text });
   }
-}
-
-/** Return why resources are not ready; those with the same reason together. @param {Robot} robot */
-function reasonsNotReady({ not_ready }) {
-  /** @type {Map<string, string[]>} */
-  const resources = new Map();
-  for (const [resource, reason] of Object.entries(not_ready)) {
-    const plain = reason.replace(/; next try in .*$/, "");
-    resources.set(plain, [...(resources.get(plain) ?? []), resource]);
-  }
-  return [...resources].map(([reason, names]) => `${names.join(", ")}: ${reason}`);
 }
 
 /** @param {HTMLElement} list @param {HTMLElement} count */

@@ -4,7 +4,17 @@ import { request } from "./connection.js";
 import { clockTime, el, meterOf, setText, throttled } from "./dom.js";
 import { stateIcon } from "./icons.js";
 import { SelectionBar } from "./selection.js";
-import { activitiesOf, activityText, controlText, isActive, LOW_BATTERY, matches, stateOf, store } from "./store.js";
+import {
+  activitiesOf,
+  activityText,
+  controlText,
+  isActive,
+  LOW_BATTERY,
+  matches,
+  reasonsNotReady,
+  stateOf,
+  store,
+} from "./store.js";
 
 /** @import { Robot, Tone, View } from "./types" */
 /** @typedef {(robot: Robot | undefined, name: string) => string | number} SortKey */
@@ -238,7 +248,7 @@ class Row {
 /** @param {Robot | undefined} robot */
 function stateParts(robot) {
   const [shape, word, tone] = stateOf(robot);
-  const reasons = Object.entries(robot?.not_ready ?? {}).map(([resource, reason]) => `${resource}: ${reason}`);
+  const reasons = robot ? reasonsNotReady(robot) : [];
   if (robot?.last_seen) reasons.unshift(`last seen ${clockTime(new Date(robot.last_seen))}`);
   return [
     el("span", { class: `state ${tone}` }, stateIcon(shape), word),

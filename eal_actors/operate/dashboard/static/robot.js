@@ -7,7 +7,7 @@ import { el, fixed, setText } from "./dom.js";
 import { DrivePanel } from "./drive.js";
 import { watch as watchCameras } from "./frames.js";
 import { stateIcon } from "./icons.js";
-import { activitiesOf, activityText, controlText, stateOf, store } from "./store.js";
+import { activitiesOf, activityText, controlText, reasonsNotReady, stateOf, store } from "./store.js";
 import { ValuesPanel } from "./values.js";
 
 /** @import { Pose, Robot, View } from "./types" */
@@ -155,7 +155,7 @@ function poseText({ at: [x, y, yaw], by }) {
 function problemsOf(robot) {
   return [
     robot.stopped && `■ stopped: ${robot.stopped}`,
-    ...Object.entries(robot.not_ready).map(([resource, reason]) => `▲ ${resource} is not ready: ${reason}`),
+    ...reasonsNotReady(robot).map((reason) => `▲ not ready: ${reason}`),
     ...robot.problems.map((problem) => `▲ ${problem}`),
     robot.last_error && `✕ last error: ${robot.last_error}`,
   ].filter((text) => typeof text === "string");

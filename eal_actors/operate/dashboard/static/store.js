@@ -261,8 +261,21 @@ export function stateOf(robot) {
   if (!robot) return ["◌", "unknown", "warn"];
   if (robot.stopped && !robot.is_stop_confirmed) return ["▲", "stop NOT CONFIRMED", "bad"];
   if (robot.state === "ready" && robot.stopped) return ["■", "stopped", "bad"];
-  if (robot.state === "ready" && Object.keys(robot.not_ready).length) return ["◐", "partly ready", "warn"];
+  const waiting = Object.keys(robot.not_ready).length;
+  if (robot.state === "ready" && waiting)
+    return ["◐", waiting < robot.resources.length ? "partly ready" : "not ready", "warn"];
   return STATES[robot.state] ?? ["?", robot.state, "warn"];
+}
+
+/** Return why resources are not ready; those with the same reason together. @param {Robot} robot */
+export function reasonsNotReady({ not_ready }) {
+  /** @type {Map<string, string[]>} */
+  const resources = new Map();
+  for (const [resource, reason] of Object.entries(not_ready)) {
+    const plain = reason.replace(/; next try in .*$/, "");
+    resources.set(plain, [...(resources.get(plain) ?? []), resource]);
+  }
+  return [...resources].map(([reason, names]) => `${names.join(", ")}: ${reason}`);
 }
 
 /**
