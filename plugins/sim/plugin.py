@@ -112,19 +112,24 @@ class Settings(PluginSettingsModel):
         return dict.fromkeys(changed, "cannot change while the robot is in the simulated world; close the fleet first")
 
 
-def _working(names: tuple[str, ...]) -> tuple[str, ...]:
+def _working(context: PluginContext) -> tuple[str, ...]:
     """Return the resources that work here: without OpenCV there are no pictures."""
+    names: tuple[str, ...] = context.settings.resources
     if importlib.util.find_spec("cv2") is not None:
         return names
-    get_logger().warning("Camera is left out: pictures need OpenCV: pip install 'eal-actors[vision]'")
+    context.services.shared("sim.without_pictures", _warn_of_pictures)  # once for all robots of a fleet
     return tuple(name for name in names if name != "Camera")
+
+
+def _warn_of_pictures() -> None:
+    get_logger().warning("Camera is left out: pictures need OpenCV: pip install 'eal-actors[vision]'")
 
 
 class SimPlugin(EALPlugin):
     """A robot in the fleet's simulated world."""
 
-    def __init__(self, world: SimWorld, robot: SimRobot, settings: Settings) -> None:
-        super().__init__(*_working(settings.resources))
+    def __init__(self, world: SimWorld, robot: SimRobot, resources: tuple[str, ...]) -> None:
+        super().__init__(*resources)
         self.world = world
         self.robot = robot
 
@@ -149,7 +154,7 @@ def connect(context: PluginContext) -> SimPlugin:
     )
     beside = ("Faults", "TruePose")  # link faults do not affect these: they are not part of the robot
     context.services.link(context.robot).spare(beside + tuple(f"{context.instance}.{name}" for name in beside))
-    return SimPlugin(world, robot, settings)
+    return SimPlugin(world, robot, _working(context))
 
 
 def disconnect(plugin: SimPlugin) -> None:
