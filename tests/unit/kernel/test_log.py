@@ -1,7 +1,9 @@
 from __future__ import annotations
 
+import contextlib
 import io
 import json
+import os
 import sys
 from collections.abc import Iterator
 
@@ -75,3 +77,19 @@ def test_no_stderr_at_all_stops_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
     configure_logging("human", "info")
     monkeypatch.setattr(sys, "stderr", None)
     get_logger().error("into the void")
+
+
+def test_a_pipe_that_nobody_reads_stops_nobody() -> None:
+    """As a terminal that is paused with Ctrl-S: the threads of a robot that logged did nothing more."""
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            os.write(writing, bytes(4096))
+    os.set_blocking(writing, True)
+    with os.fdopen(reading, encoding="utf-8") as pipe, os.fdopen(writing, "w", encoding="utf-8") as stream:
+        configure_logging("human", "info", stream)
+        for number in range(3):
+            get_logger().warning("halted", number=number)
+        lines = (pipe.readline() for _ in range(3))
+        assert [line.split("number=")[1] for line in lines] == ["0\n", "1\n", "2\n"]
