@@ -27,7 +27,8 @@ def lay_lattice(inflated: OccupancyGrid, pitch_m: float) -> tuple[list[Point], l
     counts = np.floor((high - low) / pitch_m).astype(int) + 1
     if counts.prod() > MAX_PLACES:
         raise TrafficError(
-            f"the map is too large to plan on: {counts.prod():,} places {pitch_m:.2f} m apart, at most {MAX_PLACES:,}"
+            f"the map is too large to plan on: {counts.prod():,} places {pitch_m:.2f} m apart, at most {MAX_PLACES:,}; "
+            "drive each robot by base.go_to or base.follow"
         )
     steps = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, 2)
     shifts = [low + pitch_m * np.array(step) / _OFFSETS for step in np.ndindex(_OFFSETS, _OFFSETS)]

@@ -215,7 +215,7 @@ def test_more_robots_than_can_be_planned_are_refused() -> None:
 
 def test_a_map_that_is_too_large_is_refused() -> None:
     grid = OccupancyGrid(np.zeros((1200, 1200), np.int8), 0.1, GridOrigin(0.0, 0.0))
-    with pytest.raises(TrafficError, match="the map is too large"):
+    with pytest.raises(TrafficError, match=r"the map is too large .*; drive each robot by base\.go_to"):
         plan_traffic(grid, _travellers((1.0, 1.0, 2.0, 2.0), (5.0, 1.0, 6.0, 2.0)))
 
 
