@@ -172,7 +172,8 @@ def check_size(rows: int, columns: int) -> None:
         raise ArgumentError("a grid needs at least one cell")
     if rows * columns > MAX_CELLS:
         raise ArgumentError(
-            f"a grid of {columns} x {rows} cells is too large: at most {MAX_CELLS:,}; use a coarser resolution or a smaller floor"
+            f"a grid of {columns} x {rows} cells is too large: at most {MAX_CELLS:,}; "
+            "use a coarser resolution or a smaller floor"
         )
 
 

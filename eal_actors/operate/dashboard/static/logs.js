@@ -76,7 +76,10 @@ export function logsView(root) {
     last = store.logs.at(-1) ?? null;
     empty.hidden = lines.children.length > 0;
     lines.hidden = !empty.hidden;
-    setText(empty, store.logs.length ? "No line passes the filter." : "Nothing has been logged since the dashboard began.");
+    setText(
+      empty,
+      store.logs.length ? "No line passes the filter." : "Nothing has been logged since the dashboard began.",
+    );
     lost.hidden = !store.logsLost;
     setText(lost, `${store.logsLost} lines were dropped`);
     if (isAtEnd || start === 0) lines.scrollTop = lines.scrollHeight;
