@@ -35,6 +35,7 @@ from eal_actors.kernel.errors import (
 from eal_actors.wire.format.packing import MAX_CALL_BYTES, MAX_PAYLOAD_BYTES
 from tests.net.links import eventually
 from tests.net.rig import WAIT_S, Rig, failure, ready
+from tests.plugin_files import write_plugin
 
 FRAME_BYTES = 921_600
 
@@ -127,6 +128,32 @@ def test_a_robot_says_the_same_of_itself(pair: tuple[RobotHandle, RobotHandle]) 
     assert [handle.info for handle in remote.values()] == [handle.info for handle in local.values()]
     with pytest.raises(ResourceNotFoundError, match="did you mean 'Gauge'"):
         remote["Guage"]
+
+
+WORDY = """
+from eal_actors.plugin import EALPlugin, Resource, ResourceType
+class Wordy(Resource):
+    types = ResourceType.SENSOR
+    def not_ready(self):
+        return "n" * 1_100_000
+"""
+SILENT = """
+def connect():
+    raise RuntimeError("x" * 1_100_000)
+"""
+
+
+def test_long_texts_of_plugins_keep_nobody_out(rig: Rig) -> None:
+    write_plugin(rig.folder, "wordy", WORDY, "Wordy")
+    write_plugin(rig.folder, "silent", SILENT, "Silent")
+    rig.content["plugin_dirs"].append("plugins")
+    rig.content["robots"]["r1"]["plugins"] |= {"wordy": {}, "silent": {}}
+    rig.write()
+    with rig.served_here() as fleet:
+        robot = fleet["r1"]
+        assert robot["Gauge"].get_value().get().value == -42
+        assert robot.ping().get().not_ready["Wordy"].startswith("nnn")
+        assert "connect raised RuntimeError: xxx" in str(robot.problems[0])
 
 
 def test_resources_themselves_cannot_be_had(rig: Rig) -> None:

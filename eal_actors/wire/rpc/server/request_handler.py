@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.robot_view import RobotState, release
@@ -27,6 +27,9 @@ from eal_actors.wire.security.accept_guard import descriptor_warnings
 from eal_actors.wire.security.access import encode_rights
 from eal_actors.wire.security.expiry import certificate_warnings
 from eal_actors.wire.streams.publisher import StreamPublisher
+
+_MAX_TEXT: Final = 500
+"""Characters of a plugin's text in each ping and handshake: one that does not fit would keep all controllers out."""
 
 
 class HostServices(NamedTuple):
@@ -97,7 +100,7 @@ class RequestHandler:
             raise UnavailableError("it is still starting")
         return {
             **self._state_fields(header),
-            "problems": [error_text(problem) for problem in self._robot.problems],
+            "problems": [error_text(problem)[:_MAX_TEXT] for problem in self._robot.problems],
             "resources": [handle.info.to_dict() for handle in self._robot.values()],
             "process": self._host.process,
             "rights": encode_rights(self._host.network.security, self._robot.name),
@@ -111,7 +114,7 @@ class RequestHandler:
             "stopped": self._robot.stopped_because,
             "holders": {resource: self._admission.names.of(client) for resource, client in holders.items()},
             "holder_ids": {resource: client for resource, client in holders.items() if client == header.client},
-            "not_ready": dict(self._robot.not_ready),
+            "not_ready": {name: reason[:_MAX_TEXT] for name, reason in self._robot.not_ready.items()},
             "warnings": [*certificate_warnings(self._host.network.security, self._robot.name), *descriptor_warnings()],
             "running": [[*command.call_id, command.to_fields()] for command in self._running.announced()],
         }
