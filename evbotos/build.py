@@ -286,12 +286,12 @@ class Build:
         (root / "tmp").chmod(0o1777)
 
     def _squash_step(self, lock: Lock, root: Path) -> Step:
-        compression = self._platform.compression
+        options = squash.options_of(self._image.compression, self._platform.architecture)
 
         def make(out: Path) -> None:
-            squash.squash(root, out, compression, lock.epoch)
+            squash.squash(root, out, options, lock.epoch)
 
-        return Step("squash", key_of([root.name, compression, lock.epoch], squash), make)
+        return Step("squash", key_of([root.name, options, lock.epoch], squash), make)
 
     def _verity_step(self, squashed: Path) -> Step:
         def make(out: Path) -> None:

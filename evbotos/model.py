@@ -178,8 +178,6 @@ class Platform(StrictModel):
     """The kernel's name of the serial console; None if the device tree defines it."""
     kernel_arguments: Texts = ()
     """Further words of the kernel's command line."""
-    compression: Literal["zstd", "xz"] = "zstd"
-    """The compression of the root: xz is smaller, zstd boots several times faster."""
     compiled_wheels: dict[PackageName, Texts] = Field(default={})
     """Python packages without a wheel for this platform, with their build tools."""
     boot_files: dict[PackageName, dict[Text, FileName]] = Field(default={})
@@ -293,6 +291,8 @@ class Image(StrictModel):
     """Patterns of paths to keep; they override `prune`."""
     sourceless: bool = True
     """Keep only compiled Python: half the size, a fast start, but no source lines in tracebacks."""
+    compression: Literal["zstd", "xz"] = "zstd"
+    """The compression of the root: xz is a sixth smaller, and slower to read."""
     check: Texts = ()
     """Commands that must succeed in the booted image; they detect excessive pruning."""
     budget_mb: Budget

@@ -129,7 +129,7 @@ def _steps(platform: Platform, image: Image) -> list[str]:
         *trees,
         "base: unpack, prune, compile Python, check for missing libraries",
         f"root: add {', '.join(image.services)}" + (", and this project" if image.project else ""),
-        f"squash: compress with {platform.compression}",
+        f"squash: compress with {image.compression}",
         "verity: append the hash tree with which the kernel verifies each block",
         f"disk: boot partition, slots A and B, data; to start it: {boot}",
         *stand_ins,

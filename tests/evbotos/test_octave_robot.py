@@ -11,7 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from eal_actors.facade.service import RobotService
 from eal_actors.kernel.log import get_logger
+from eal_actors.managers.config import EALConfigManager
 from evbotos.definitions import load_definitions
 from evbotos.fields import ROOTFS
 from evbotos.run_command import memory_for
@@ -19,11 +21,11 @@ from tests.evbotos.proof import (
     SERVES,
     answer,
     built_proof,
-    compressed_quickly,
     ssh,
     started,
     wait_for_words,
 )
+from tests.net.links import free_port
 
 DRIVE = """
 before = eal_call ("evbot", "TruePose", "get_value");
@@ -74,13 +76,36 @@ def test_lines_of_octave_are_answered_in_order_and_wrong_ones_with_words(tmp_pat
     assert "Wings" in told[4]["error"]
 
 
+@pytest.mark.slow  # a fleet waits seconds for its robots
+def test_a_robot_that_is_up_after_octave_is_waited_for(tmp_path: Path) -> None:
+    (tmp_path / "fleet.yaml").write_text(
+        f"version: 1\nrobots: {{r1: {{address: 'tcp/127.0.0.1:{free_port()}', plugins: {{sample: {{}}}}}}}}\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, ROOTFS / "octave-robot/usr/lib/evbotos/octave_robot.py", tmp_path / "fleet.yaml"],
+        env={**os.environ, "PYTHONPATH": str(ROOTFS / "services/robot/usr/lib/evbotos")},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as octave:
+        assert octave.stdin is not None
+        assert octave.stdout is not None
+        assert octave.stderr is not None
+        octave.stdin.write(json.dumps(["r1", "SampleResource", "get_value", []]) + "\n")
+        octave.stdin.flush()
+        assert "robot is lost" in octave.stderr.readline()
+        with RobotService(EALConfigManager.load(tmp_path / "fleet.yaml").fleet, "r1"):
+            assert json.loads(octave.stdout.readline()) == {"value": 0}
+            octave.communicate()
+
+
 @pytest.mark.evbotos
 @pytest.mark.timeout(3600)
 def test_octave_drives_the_robot_of_its_machine(tmp_path: Path) -> None:
     platform, image = load_definitions().chosen("qemu-amd64", "octave-robot")
     without_fleet = {"robot": None, "update_key": None}  # so that programs on the machine may drive
-    with compressed_quickly():
-        proof = built_proof(platform, image, tmp_path, settings=without_fleet)
+    proof = built_proof(platform, image, tmp_path, settings=without_fleet)
     disk = Path(shutil.copyfile(proof.built.folder / "disk.img", tmp_path / "disk.img"))
     assert platform.emulator is not None
     with started(proof, disk, memory_mb=memory_for(platform.emulator, image)) as machine:

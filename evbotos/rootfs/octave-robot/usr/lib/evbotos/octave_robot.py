@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import json
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
 from robot_user import find_fleet  # type: ignore[import-not-found]  # beside this file in the image
 
 from eal_actors import Fleet
+from eal_actors.actors.robot_view import RobotState
 from eal_actors.device.info import METHODS
-from eal_actors.kernel.errors import EALError
+from eal_actors.kernel.errors import DeadlineError, EALError
 
 _METHODS: Final = (*METHODS, "halt")
+_CONNECT_S: Final = 30.0
+"""Seconds in which a robot must answer; on a slow board it starts beside Octave."""
 
 
 def answer(fleet: Fleet, line: str) -> dict[str, Any]:
@@ -22,6 +26,8 @@ def answer(fleet: Fleet, line: str) -> dict[str, Any]:
     if method not in _METHODS:
         return {"error": f"there is no method '{method}': {', '.join(_METHODS)}"}
     try:
+        with suppress(DeadlineError):  # then the call says why
+            fleet[robot].wait_for_state(RobotState.READY, _CONNECT_S).get()
         result = getattr(fleet[robot][resource], method)(*arguments).get()
     except (EALError, TypeError) as error:
         return {"error": str(error)}
