@@ -138,6 +138,7 @@ class MqttConnection:
         self._was_open = False
         self._has_failed = False
         self._is_ready = False
+        self._ending: threading.Thread | None = None
         self._log = get_logger(broker=self.url)
         self._client = self._make_client(settings, name, will)
 
@@ -254,16 +255,18 @@ class MqttConnection:
     def close(self, farewell: MqttMessage | None = None, *, wait: bool = True) -> None:
         """End the connection with a farewell, so that the broker does not publish the last will.
 
-        Thread: blocks the caller for two real seconds at most, if it waits.
+        A second call waits for the end of the first. Thread: blocks the caller for two real seconds at most, if it
+        waits.
         """
-        if farewell is not None and self._is_ready:
-            self._send(farewell)
-        self._client.disconnect()
-        end = threading.Thread(target=self._end, name=f"closing {self.url}", daemon=True)
-        end.start()
+        if self._ending is None:
+            if farewell is not None and self._is_ready:
+                self._send(farewell)
+            self._client.disconnect()
+            self._ending = threading.Thread(target=self._end, name=f"closing {self.url}", daemon=True)
+            self._ending.start()
         if wait:
             with self._clock.outside():
-                end.join(_CLOSE_S)
+                self._ending.join(_CLOSE_S)
 
     def _end(self) -> None:
         self._client.loop_stop()

@@ -87,6 +87,7 @@ class AgvLink:
         self._problem: str | None = None
         self._ignored = LogLimit()
         self._commander: MqttConnection | None = None
+        self._released: MqttConnection | None = None  # it may still be closing
         self._halted_s: float | None = None
         self._repeat_s = math.inf
         self._cancellation = ""
@@ -101,9 +102,11 @@ class AgvLink:
         return self._connected not in (None, "ONLINE")
 
     def close(self) -> None:
-        """End both connections."""
+        """End the connections."""
         self._release()
-        self._connection.close()
+        for connection in (self._released, self._connection):
+            if connection is not None:
+                connection.close()
 
     # What the AGV says.
 
@@ -286,3 +289,4 @@ class AgvLink:
         commander, self._commander = self._commander, None
         if commander is not None:
             commander.close(wait=False)
+            self._released = commander
