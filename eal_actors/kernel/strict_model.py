@@ -177,7 +177,7 @@ def problems_from(error: ValidationError, tree: YamlTree, model: object) -> list
         elif kind == "extra_forbidden" or detail["loc"][-1:] == ("[key]",):
             about_key = True
         messages = found.setdefault((path, about_key), [])
-        message = message_of(detail, annotations)
+        message = wording_of(detail, annotations)
         if message not in messages:
             messages.append(message)
     return [tree.problem(path, _alternatives(messages), key=key) for (path, key), messages in found.items()]
@@ -280,7 +280,7 @@ def _known_keys(annotations: Sequence[object]) -> list[str]:
     ]
 
 
-def message_of(detail: Mapping[str, Any], annotations: Sequence[object] = ()) -> str:
+def wording_of(detail: Mapping[str, Any], annotations: Sequence[object] = ()) -> str:
     """Return pydantic's error about one value in our words; the annotations around it give the known keys."""
     kind, context, value = detail["type"], detail.get("ctx", {}), detail["input"]
     if kind == "extra_forbidden":

@@ -31,7 +31,7 @@ from eal_actors.device.plugin_context import (
 from eal_actors.device.ports import BytePort
 from eal_actors.device.resource import Resource
 from eal_actors.kernel.errors import ArgumentError, ConfigError, EALError, PluginError, Problem, error_text
-from eal_actors.kernel.strict_model import message_of, model_of
+from eal_actors.kernel.strict_model import model_of, wording_of
 from eal_actors.managers.fleet_model import PluginSettings, RobotConfig
 from eal_actors.managers.manifest import PluginManifest, discover
 
@@ -245,7 +245,7 @@ class EALPluginManager:
             module = importlib.import_module(f"{package}.{manifest.file.bridge}")
             return module, module.BridgeSettings.model_validate(dict(settings))
         except ValidationError as error:
-            wrong = "; ".join(f"{'.'.join(map(str, one['loc']))}: {message_of(one)}" for one in error.errors())
+            wrong = "; ".join(f"{'.'.join(map(str, one['loc']))}: {wording_of(one)}" for one in error.errors())
             raise ArgumentError(f"bridge {name!r}: {wrong}") from None
         except Exception as error:
             raise PluginError(f"plugin {name!r}: its bridge fails to import: {error_text(error)}") from error

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from eal_actors.device.navigation.assigning import assign_places
 from eal_actors.device.world import Formation, formation_poses
 from eal_actors.kernel.errors import ArgumentError
-from eal_actors.kernel.strict_model import message_of
+from eal_actors.kernel.strict_model import wording_of
 
 if TYPE_CHECKING:
     from eal_actors.device.navigation.traffic.lattice import Point
@@ -30,7 +30,7 @@ def formation_goals(
         poses = formation_poses(Formation.model_validate(wanted))
     except ValidationError as error:
         first = error.errors()[0]
-        raise ArgumentError(f"invalid formation: {first['loc'][0]}: {message_of(first)}") from None
+        raise ArgumentError(f"invalid formation: {first['loc'][0]}: {wording_of(first)}") from None
     numbers = assign_places(list(starts.values()), [(pose.x_m, pose.y_m) for pose in poses])
     return {
         name: (poses[number].x_m, poses[number].y_m, poses[number].yaw_deg)
