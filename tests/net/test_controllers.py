@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,7 @@ from eal_actors.kernel.errors import (
 )
 from eal_actors.scenario import Run, load_scenario, make_plan
 from eal_actors.wire.rpc.server.host import RobotHost
+from tests.log_lines import log_lines
 from tests.net.links import eventually
 from tests.net.rig import LONGER_THAN_TTL_S, WAIT_S, Rig, becomes, failure, hold_calls, ready
 
@@ -73,6 +75,15 @@ def test_a_request_that_cannot_be_sent_fails_alone(remote: RobotHandle) -> None:
     failure(remote.release("x" * 2_000_000), DataError)
     assert remote["Arm"].send_cmd("step1").get() == 1
     remote.stop("somebody is in the way").get(timeout=WAIT_S)
+
+
+def test_a_stop_is_logged_before_the_resume_that_ends_it(remote: RobotHandle) -> None:
+    with log_lines() as log:
+        for _ in range(3):
+            remote.stop("somebody is in the way").get(timeout=WAIT_S)
+            remote.resume().get(timeout=WAIT_S)
+    events = [json.loads(line)["event"] for line in log.getvalue().splitlines()]
+    assert [event for event in events if event in {"emergency stop", "resumed"}] == ["emergency stop", "resumed"] * 3
 
 
 def test_a_stop_of_another_controller_is_a_stop(rig: Rig) -> None:

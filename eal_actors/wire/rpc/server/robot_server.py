@@ -152,12 +152,16 @@ class RobotServer:
             self._answer(reply_to, ACCEPTED)
             command.call.arm()  # from now on its deadline stops it
         self._announce_commands()
-        reason, self._unlogged_stop = self._unlogged_stop, None
-        if reason is not None:  # logged late: other robots had to be stopped first
-            self._log.warning("emergency stop", reason=reason)
+        self._log_stop()
         if self._robot.state is not self._state:
             self._state = self._robot.state
             self._publish(RobotEvent("state", REAL_TIME.now(), fields={"state": self._state.value}))
+
+    def _log_stop(self) -> None:
+        """Log an emergency stop, late: other robots had to be stopped first."""
+        reason, self._unlogged_stop = self._unlogged_stop, None
+        if reason is not None:
+            self._log.warning("emergency stop", reason=reason)
 
     def _announce_commands(self) -> None:
         """Publish long commands that have begun, and the progress of those."""
@@ -319,6 +323,7 @@ class RobotServer:
             self._robot.stop(reason).link(lambda done, _: self._answer(urgent, self._outcome(done)))
             self._unlogged_stop = reason
         elif method == keys.RESUME:
+            self._log_stop()
             self._log.warning("resumed")
             urgent = reply_to._replace(is_urgent=True)
             self._robot.resume().link(lambda done, _: self._answer(urgent, self._outcome(done)))
