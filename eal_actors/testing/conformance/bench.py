@@ -141,7 +141,9 @@ class Bench:
 
 def _require_up(robot: RobotHandle) -> None:
     if robot.problems:
-        raise PluginError("; ".join(dict.fromkeys(problem.message for problem in robot.problems)))
+        messages = dict.fromkeys(problem.message for problem in robot.problems)
+        repeating = {one for one in messages for other in messages if one != other and other in one}
+        raise PluginError("; ".join(message for message in messages if message not in repeating))
     robot.wait_started(0.0)
     for name, handle in robot.items():
         try:

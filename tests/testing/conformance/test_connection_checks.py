@@ -247,6 +247,11 @@ def test_a_plugin_of_ones_own_may_be_the_twin(pair: Path) -> None:
     assert run(pair, "starts").outcome == "ok"
 
 
+def test_why_a_plugin_does_not_connect_is_said_once(pair: Path) -> None:
+    (pair / "plugin.py").write_text(PLUGIN.replace("    port.open()\n", "    1 / 0\n"), encoding="utf-8")
+    assert run(pair, "starts").problems == ("plugin 'pair': connect raised ZeroDivisionError: division by zero",)
+
+
 def test_a_hook_of_before_is_refused(pair: Path) -> None:
     (pair / "emulator.py").rename(pair / "conformance.py")
     (pair / "plugin.yaml").write_text(MANIFEST.replace("emulator:", "# emulator:"), encoding="utf-8")
