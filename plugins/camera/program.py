@@ -66,7 +66,9 @@ class JpegSplitter:
         if self._at == 0:
             if data[:2] != _START[: len(data)]:
                 raise OSError("its output is not a series of JPEG pictures; rpicam-vid needs `--codec mjpeg`")
-            self._at = 2
+            if len(data) < len(_START):
+                return None
+            self._at = len(_START)
         while True:
             if self._is_in_scan:
                 found = _AFTER_SCAN.search(data, self._at)

@@ -13,6 +13,7 @@ from eal_actors.kernel.errors import DataError, ProtocolError
 from eal_actors.wire.format import keys
 from eal_actors.wire.format import messages as wire
 from eal_actors.wire.format.frames import decode_frame
+from plugins.camera.program import JpegSplitter
 from plugins.evbot2 import protocol as evbot2_protocol
 from plugins.evbot2.emulator import evbot2, free_vehicle
 from plugins.evbot3 import protocol as evbot3_protocol
@@ -162,6 +163,18 @@ def _tinyos(data: bytes) -> None:
                 framing.read(body)
 
 
+def _jpeg_stream(data: bytes) -> None:
+    def split(pieces: list[bytes]) -> list[bytes] | None:
+        splitter = JpegSplitter()
+        try:
+            return [file for piece in pieces for file in splitter.feed(piece)]
+        except OSError:
+            return None
+
+    if split(_pieces(data)) != split([data[1:]]):
+        raise AssertionError("pictures depend on how the stream is cut")
+
+
 DECODERS: dict[str, Callable[[bytes], None]] = {
     "wire-call": _call,
     "wire-answer": _answer,
@@ -177,4 +190,5 @@ DECODERS: dict[str, Callable[[bytes], None]] = {
     "tinyos": _tinyos,
     "evbot2": _evbot2,
     "evbot3": _evbot3,
+    "jpeg-stream": _jpeg_stream,
 }
