@@ -94,7 +94,8 @@ class RobotHandle(RobotParts, Mapping[str, ResourceHandle]):
         """Return a future that is done when the robot is in a state, at once if it is.
 
         It fails with DeadlineError after `timeout_s` seconds of the fleet's clock, and with UnavailableError as soon as
-        the robot is disconnected or has failed for good. Thread: any; does not block.
+        the robot is disconnected or has failed for good. Raises ArgumentError if the time is NaN. Thread: any; does not
+        block.
         """
         return StateFuture(self._view, state, timeout_s, self._actor.actor_inbox)
 

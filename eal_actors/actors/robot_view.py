@@ -21,7 +21,7 @@ from eal_actors.actors.future import Future, Timekeeper
 from eal_actors.actors.inbox import Inbox
 from eal_actors.device.resource import Progress
 from eal_actors.kernel.clock import REAL_TIME, Clock
-from eal_actors.kernel.errors import DeadlineError, EALError, UnavailableError
+from eal_actors.kernel.errors import ArgumentError, DeadlineError, EALError, UnavailableError
 from eal_actors.kernel.log import get_logger
 from eal_actors.kernel.unwinding import AbandonedThread
 
@@ -237,6 +237,8 @@ class StateFuture(Future[RobotState]):
     """
 
     def __init__(self, view: RobotView, state: RobotState, timeout_s: float, timekeeper: Timekeeper) -> None:
+        if timeout_s != timeout_s:  # NaN: it would never fail
+            raise ArgumentError(f"timeout_s must be seconds, not {timeout_s!r}", robot=view.name)
         super().__init__(view.clock, view.clock.now() + timeout_s, timekeeper)
         self._view = view
         self._wanted = state

@@ -11,7 +11,7 @@ from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.robot_view import RobotConnection, RobotState, RobotView
 from eal_actors.device.resource import Resource
-from eal_actors.kernel.errors import DeadlineError, EALError, UnavailableError
+from eal_actors.kernel.errors import ArgumentError, DeadlineError, EALError, UnavailableError
 from tests.manual_clock import ManualClock
 from tests.robots import WAIT_S, running_robot
 
@@ -106,3 +106,9 @@ def test_a_robot_that_comes_back_as_it_is_asked_why_it_is_out_of_reach_is_only_o
     for message in ("does not answer", "has not started yet"):
         with pytest.raises(UnavailableError, match=message):
             robot["Base"]
+
+
+def test_a_time_that_is_no_number_of_seconds_is_refused(gate: threading.Event) -> None:
+    gate.set()
+    with running_robot({"Slow": Slow}) as robot, pytest.raises(ArgumentError, match="must be seconds, not nan"):
+        robot.wait_for_state(RobotState.STOPPED, float("nan"))

@@ -54,6 +54,15 @@ def test_few_robots_use_all_processors() -> None:
         assert all(used == os.sched_getaffinity(0) for used in processors_of_robots())
 
 
+def test_a_crowd_starts_where_processors_cannot_be_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(os, "sched_setaffinity", refuse)
+    with fleet_of(CROWD) as fleet:
+        assert fleet.read(fleet, "SampleResource").get()
+
+
 def test_threads_of_a_fleet_do_not_preempt_those_that_wake_them() -> None:
     policies: list[int] = []
 
