@@ -69,6 +69,17 @@ def test_robots_that_go_on_are_held_again(eal: Any, tmp_path: Path) -> None:
     assert summary["contacts"] == []
 
 
+@pytest.mark.parametrize(("way_m", "is_held"), [(5.0, True), (1.75, False)])
+def test_a_robot_is_held_before_a_wall_only_if_it_drives_into_it(
+    eal: Any, tmp_path: Path, way_m: float, *, is_held: bool
+) -> None:
+    move = f"l90}}}}, {{send_cmd: {{resource: Base, cmd: f{way_m}"
+    scenario = SCENARIO.replace("{all: {}}", "{all: {max: 1}}").replace("f1.5", move)
+    warnings, summary = run(eal, tmp_path, "--lookahead", "3", "--lookahead-hold", scenario=scenario, code=int(is_held))
+    assert any(warning["text"].endswith("halted: ann") for warning in warnings) == is_held
+    assert summary["contacts"] == []
+
+
 @pytest.mark.parametrize("options", [("--lookahead-hold",), ("--lookahead", "0.5")])
 def test_wrong_options_are_refused(eal: Any, tmp_path: Path, options: tuple[str, ...]) -> None:
     (tmp_path / "fleet.yaml").write_text(FLEET)

@@ -25,6 +25,8 @@ _WHEEL_SHARE: Final = 0.03
 """Errors of wheels and floor, as a share of the way ahead."""
 _LEAST_M: Final = 0.005
 """The least standard deviation of a gap: outlines and clocks are not exact."""
+_BEYOND_S: Final = 1.0
+"""A path that a wall or an obstacle stopped is continued into it for at most this time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,15 +86,28 @@ def forecast(
     robots: Mapping[str, PresentState], horizon_s: float, margin_m: float, world: WorldModel | None = None
 ) -> Forecast:
     """Continue the scripts of all robots, and find what comes nearer to them than the margin within the horizon."""
-    poses = _future(robots, max(1, round(horizon_s / TICK_S)))
-    findings = [*_meetings(robots, poses, margin_m), *(_hits(robots, poses, margin_m, world) if world else ())]
+    clocks = _clocks(robots, max(1, round(horizon_s / TICK_S)))
+    poses = {
+        name: _continued(state.script, clocks[name], state.pose)
+        if state.script is not None
+        else np.tile(np.array(state.pose), (len(clocks[name]), 1))
+        for name, state in robots.items()
+    }
+    findings = [*_meetings(robots, poses, margin_m)]
+    if world is not None:
+        unstopped = {
+            name: poses[name] if state.script is None else _unstopped(state.script, clocks[name], poses[name])
+            for name, state in robots.items()
+        }
+        findings += _hits(robots, unstopped, margin_m, world)
     return Forecast(poses, tuple(sorted(findings, key=lambda finding: finding.in_s)))
 
 
 # Time: how far each robot is in its script, and when waits for others end.
 
 
-def _future(robots: Mapping[str, PresentState], ticks: int) -> dict[str, Floats]:
+def _clocks(robots: Mapping[str, PresentState], ticks: int) -> dict[str, Floats]:
+    """Return the time in its script of each robot at each tick; 0 without a script."""
     scripts = {name: state.script for name, state in robots.items() if state.script is not None}
     now = {name: script_time(robots[name], script) for name, script in scripts.items()}
     clocks = {name: [time_s] for name, time_s in now.items()}
@@ -106,12 +121,7 @@ def _future(robots: Mapping[str, PresentState], ticks: int) -> dict[str, Floats]
             if (gate_s := _gate(scripts[name], time_s)) is not None:
                 later_s = max(time_s, min(later_s, max(slowest_s + TICK_S, now[name]), gate_s + TICK_S))
             clocks[name].append(later_s)
-    return {
-        name: _continued(scripts[name], np.array(clocks[name]), state.pose)
-        if name in clocks
-        else np.tile(np.array(state.pose), (ticks + 1, 1))
-        for name, state in robots.items()
-    }
+    return {name: np.array(clocks[name]) if name in clocks else np.zeros(ticks + 1) for name in robots}
 
 
 def script_time(state: PresentState, script: Script) -> float:
@@ -174,6 +184,23 @@ def _continued(script: Script, times_s: Floats, pose: tuple[float, float, float]
             error[2] = math.remainder(error[2], math.tau)
             left = max(0.0, (goal_s - times_s[tick]) / (goal_s - times_s[tick - 1]))
             found[tick] = path[tick] + left * error
+    return found
+
+
+def _unstopped(script: Script, times_s: Floats, path: Floats) -> Floats:
+    """Return a path that goes on through what stopped the robot in the rehearsal, until the step ends.
+
+    A robot that is stopped stays where the gap is 0, and there a touch is as likely as none.
+    """
+    found = path.copy()
+    for touch_s in script.touches_s:
+        before = int(np.searchsorted(times_s, touch_s)) - 1  # the last tick before the touch
+        if before < 1 or times_s[before] <= times_s[before - 1]:
+            continue
+        velocity = (path[before, :2] - path[before - 1, :2]) / (times_s[before] - times_s[before - 1])
+        end_s = next((step.end_s for step in script.steps if step.begin_s <= touch_s <= step.end_s), touch_s)
+        beyond = (times_s > touch_s) & (times_s <= min(end_s, touch_s + _BEYOND_S))
+        found[beyond, :2] = path[before, :2] + (times_s[beyond] - times_s[before])[:, None] * velocity
     return found
 
 

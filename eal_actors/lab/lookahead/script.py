@@ -56,11 +56,15 @@ class Script:
     """The steps of a robot in a rehearsal, in the order of their starts, and its path.
 
     `times_s` are seconds since the rehearsal's start, increasing, at least one; `poses` are x in m, y in m and yaw in
-    rad in the map frame at these times, (n, 3).
+    rad in the map frame at these times, (n, 3). `touches_s` are the times at which it touched a wall or
+    another thing that is no robot.
     """
 
-    def __init__(self, steps: Sequence[ScriptStep], times_s: Floats, poses: Floats) -> None:
+    def __init__(
+        self, steps: Sequence[ScriptStep], times_s: Floats, poses: Floats, touches_s: Sequence[float] = ()
+    ) -> None:
         self.steps = tuple(steps)
+        self.touches_s = tuple(touches_s)
         self._times_s = times_s
         self._poses = np.column_stack([poses[:, :2], np.unwrap(poses[:, 2])])
 
@@ -116,10 +120,13 @@ def rehearse_scripts(scenario: Scenario, fleet: SimulatedFleet, binding: Wishes 
             finally:
                 timer.cancel()
         paths = recorder.paths_since(run.start_s)
+        touches: dict[str, list[float]] = {}  # of walls and things: robots pass through each other
+        for contact in opened.services.contacts.copy():
+            touches.setdefault(contact.robot, []).append(contact.time_s - run.start_s)
     scripts = {}
     for robot, path in paths.items():
         if path and all(math.isfinite(sample.x_m) for sample in path):
             table = np.array(path, dtype=np.float64)
             in_order = sorted(steps.get(robot, ()), key=lambda step: step.start_s)
-            scripts[robot] = Script(in_order, table[:, 0], table[:, 1:])
+            scripts[robot] = Script(in_order, table[:, 0], table[:, 1:], touches.get(robot, ()))
     return scripts

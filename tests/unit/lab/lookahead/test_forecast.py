@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from eal_actors.device.world.model import WorldModel
 from eal_actors.lab.lookahead.forecast import PresentState, forecast
 from eal_actors.lab.lookahead.script import Script, ScriptStep
 
@@ -74,3 +75,19 @@ def test_an_uncertain_direction_makes_a_far_touch_uncertain() -> None:
         return finding.likelihood
 
     assert likelihood(0.5) > 0.95 > likelihood(1.9)
+
+
+def at_wall(*, is_stopped: bool) -> float:
+    """Return the likelihood of a touch of the wall at 1.1 m: it stopped the rehearsal, or the step ended there."""
+    times_s, poses = np.array([0.0, 5.0, 10.0]), np.array([[0.0, 0, 0], [1.0, 0, 0], [1.0, 0, 0]])
+    step = ScriptStep("steps[0]", 0.0, 0.0, 10.0 if is_stopped else 5.0)
+    script = Script([step], times_s, poses, [5.0] if is_stopped else [])
+    ann = replace(running((0.0, 0.0, 0.0), script), covariance=np.diag([0.01**2, 0.01**2, 0.0]))
+    (finding,) = forecast({"ann": ann}, 8.0, 0.02, WorldModel(version=1, name="hall", size_m=(2.2, 8.0))).findings
+    assert finding.other == "a wall"
+    return finding.likelihood
+
+
+def test_a_wall_that_stops_the_rehearsal_is_a_certain_touch() -> None:
+    assert at_wall(is_stopped=True) > 0.95
+    assert at_wall(is_stopped=False) < 0.6
