@@ -132,6 +132,10 @@ TO_PLACES = [
         "visit: [east]\n        do:\n          - visit: [west]",
         "'place' is the variable of a loop around this one already",
     ),
+    (
+        'visit: [east, [1, -0.8]]\n        do:\n          - log: "at ${place}"',
+        "${place} is of type list, which has no form",
+    ),
 ]
 
 

@@ -25,7 +25,9 @@ from eal_actors.scenario.language.expressions.evaluation import (
     WorkBudget,
     evaluate,
     expressions_in,
+    locate_expressions,
     render,
+    text_of,
 )
 from eal_actors.scenario.language.expressions.grammar import Expression
 from eal_actors.scenario.language.scenario import RobotsByRole, Scenario, Step
@@ -210,13 +212,22 @@ class RobotCheck:
             if problem is not None:
                 self.report(here, path, problem, robots if here.values.facts else ())
 
-    def expression(self, located: LocatedExpression, path: YamlPath, here: RobotScope) -> None:
-        """Check that an expression has a value, as far as it is known."""
+    def text(self, text: str, path: YamlPath, here: RobotScope) -> None:
+        """Check that the values in a text have a form there, as far as they are known: a list has none."""
+        for located in locate_expressions((), text):
+            self.expression(located, path, here, in_text=True)
+
+    def expression(
+        self, located: LocatedExpression, path: YamlPath, here: RobotScope, *, in_text: bool = False
+    ) -> None:
+        """Check that an expression has a value, with a form in a text if it is in one, as far as it is known."""
         if not here.values.is_known(located.expression):
             return
         for robots, names in self.combinations([located.expression], (*path, *located.keys), here):
             try:
-                evaluate(located.expression, names)
+                value = evaluate(located.expression, names)
+                if in_text:
+                    text_of(located.expression, value)
             except EALError as error:
                 inside = (located.text, located.offset)
                 self.report(here, (*path, *located.keys), error.message, robots if here.values.facts else (), inside)

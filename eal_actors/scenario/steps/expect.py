@@ -22,6 +22,7 @@ from eal_actors.scenario.language.expressions.evaluation import (
     render_text,
     to_plain,
 )
+from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
 from eal_actors.scenario.language.scenario import Show
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
 from eal_actors.scenario.language.values import ExpressionText, Held, Text, Value
@@ -50,6 +51,12 @@ class ExpectStep(FallibleStep, kind="expect"):
             check.report((*path, "tolerance"), "has no meaning without 'equals'", key=True)
         elif self.tolerance is not None and isinstance(self.equals, bool):
             check.report((*path, "tolerance"), "has no meaning for true and false", key=True)
+
+    @override
+    def check_robots(self, check: RobotCheck, path: YamlPath, here: RobotScope) -> None:
+        super().check_robots(check, path, here)
+        if self.says is not None:
+            check.text(self.says, (*path, "says"), here)
 
     @override
     def words(self, show: Show) -> str:

@@ -7,9 +7,11 @@ from typing import ClassVar
 
 from typing_extensions import override
 
+from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions.evaluation import render_text
+from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
 from eal_actors.scenario.language.scenario import Show
 from eal_actors.scenario.language.values import Held, Text
 from eal_actors.scenario.steps.base import FallibleStep
@@ -30,6 +32,11 @@ class LogStep(FallibleStep, kind="log"):
     @override
     def words(self, show: Show) -> str:
         return f"log {show(self.log)}"
+
+    @override
+    def check_robots(self, check: RobotCheck, path: YamlPath, here: RobotScope) -> None:
+        super().check_robots(check, path, here)
+        check.text(self.log, (*path, "log"), here)
 
     @override
     def attempt(self, action: StepAction) -> Coroutine:

@@ -81,6 +81,14 @@ def test_a_scenario_that_fits_has_no_problems(tmp_path: Path) -> None:
     ("step", "expected"),
     [
         (
+            "log: '${index} of ${[1, 2]}'",
+            "8:25: steps[0].do[0].log: ${[1, 2]} is of type list, which has no form in a text",
+        ),
+        (
+            "expect: 1 == 1\n    says: 'not ${[1]}'",
+            "9:18: steps[0].do[0].says: ${[1]} is of type list, which has no form in a text",
+        ),
+        (
             "send_cmd: {resource: Bse, cmd: g}",
             "8:26: steps[0].do[0].send_cmd.resource: a: unknown resource 'Bse'; did you mean 'Base'?",
         ),

@@ -291,12 +291,13 @@ def render_text(text: str, names: Namespace) -> str:
         raise ScenarioError(template.flaws[0].message)
     found = ""
     for part in template.parts:
-        found += part if isinstance(part, str) else _as_text(part[0], evaluate(part[0], names))
+        found += part if isinstance(part, str) else text_of(part[0], evaluate(part[0], names))
         require_small(found, "the text")
     return found
 
 
-def _as_text(expression: Expression, value: object) -> str:
+def text_of(expression: Expression, value: object) -> str:
+    """Return the value of an expression in a text; raise ScenarioError if it has no form there, as a list."""
     found = to_plain(value, f"${{{expression.text}}}")
     if isinstance(found, str):
         return found
