@@ -56,7 +56,7 @@ def check_plugins(config: FleetConfig) -> tuple[set[Problem], list[str]]:
     warnings = [str(error) for error in manager.errors]
     for robot in config.robots.values():
         for instance, settings in robot.plugins.items():
-            wrong, broken = manager.check(replace(robot, plugins={instance: settings}))
+            wrong, broken = manager.check(replace(robot, plugins={instance: settings}), config.world)
             problems.update(wrong)
             for error in broken:
                 if manager.manifests[settings.plugin].missing_modules():

@@ -32,6 +32,10 @@ class PluginSettingsModel(StrictModel):
         """
         return {}
 
+    def refused_in(self, world: WorldModel) -> Mapping[str, str]:  # noqa: ARG002  # to be overridden
+        """Return why these settings do not fit the fleet's world, by their keys; `eal check` reports it."""
+        return {}
+
 
 class EALPlugin:
     """The result of `connect`: the names of the plugin's resources (Source: thesis B.3.2).

@@ -30,6 +30,7 @@ from eal_actors.device.plugin_context import (
 )
 from eal_actors.device.ports import BytePort
 from eal_actors.device.resource import Resource
+from eal_actors.device.world import WorldModel
 from eal_actors.kernel.errors import ArgumentError, ConfigError, EALError, PluginError, Problem, error_text
 from eal_actors.kernel.strict_model import model_of, wording_of
 from eal_actors.managers.fleet_model import PluginSettings, RobotConfig
@@ -134,13 +135,18 @@ class EALPluginManager:
     def __init__(self, plugin_dirs: Iterable[Path] = ()) -> None:
         self.manifests, self.errors = discover(plugin_dirs)
 
-    def check(self, robot: RobotConfig) -> tuple[list[Problem], list[PluginError]]:
-        """Return the problems of a robot's plugins in the file, and the errors of those that do not import."""
+    def check(self, robot: RobotConfig, world: WorldModel | None = None) -> tuple[list[Problem], list[PluginError]]:
+        """Return the problems of a robot's plugins in the file, and the errors of those that do not import.
+
+        With the fleet's world, settings that do not fit it are problems too.
+        """
         problems: list[Problem] = []
         broken: list[PluginError] = []
         for settings in robot.plugins.values():
             try:
-                self._checked_settings(settings)
+                checked = self._checked_settings(settings)[2]
+                refused = checked.refused_in(world) if checked is not None and world is not None else {}
+                problems += [settings.problem((key,), message) for key, message in refused.items()]
             except ConfigError as error:
                 problems.extend(error.problems)
             except PluginError as error:

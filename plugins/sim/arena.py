@@ -47,6 +47,12 @@ def places(model: WorldModel) -> Iterator[Pose2D]:
         yield x_m, y_m, 0.0
 
 
+def is_inside(model: WorldModel, x_m: float, y_m: float, radius_m: float) -> bool:
+    """Return whether a robot there is within the walls."""
+    width_m, depth_m = model.size_m
+    return abs(x_m) + radius_m <= width_m / 2 and abs(y_m) + radius_m <= depth_m / 2
+
+
 def is_on_floor(model: WorldModel, pose: Pose2D, radius_m: float) -> bool:
     """Return whether no part of a disc is over a drop."""
     return all(distance_m >= radius_m for distance_m in distances_to_drops_m(model, pose))

@@ -11,6 +11,7 @@ from typing import Any, Self, TypeVar
 from pydantic import model_validator
 from typing_extensions import override
 
+from eal_actors.device.world import WorldModel
 from eal_actors.plugin import (
     EALPlugin,
     Field,
@@ -22,6 +23,7 @@ from eal_actors.plugin import (
 )
 
 from . import resources
+from .arena import is_inside
 from .faults import SENSORS, FaultPlan, PlannedFault
 from .models import MAKES, MakeName
 from .overhead import open_camera
@@ -110,6 +112,15 @@ class Settings(PluginSettingsModel):
         keys = ("model", "start", "noise", "calibrated", "charge")
         changed = [key for key in keys if getattr(self, key) != getattr(former, key)]
         return dict.fromkeys(changed, "cannot change while the robot is in the simulated world; close the fleet first")
+
+    @override
+    def refused_in(self, world: WorldModel) -> dict[str, str]:
+        """Refuse a start outside the room, or in one of its walls."""
+        if self.start is None or is_inside(world, self.start.x_m, self.start.y_m, MAKES[self.model].radius_m):
+            return {}
+        half_x_m, half_y_m = (size_m / 2 for size_m in world.size_m)
+        room = f"the world {world.name!r}, which reaches from {-half_x_m:g} to {half_x_m:g} m in x"
+        return {"start": f"the robot does not fit there into {room} and from {-half_y_m:g} to {half_y_m:g} m in y"}
 
 
 def _working(context: PluginContext) -> tuple[str, ...]:

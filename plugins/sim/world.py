@@ -15,7 +15,7 @@ from eal_actors.device.proximity import Contact, ProximityObserver
 from eal_actors.device.world import WorldModel
 from eal_actors.plugin import ArgumentError, Clock, FleetServices, PluginError, UnavailableError, WheelCalibration
 
-from .arena import Pose2D, QuerySpace, is_on_floor, places
+from .arena import Pose2D, QuerySpace, is_inside, is_on_floor, places
 from .boxes import SimBox
 from .free_robots import LEAST_WORK, MOST_TICKS, FreeRobots
 from .models import Make
@@ -356,10 +356,10 @@ class SimWorld:
 
     def _is_free(self, pose: Pose2D, radius_m: float, ignoring: pymunk.ShapeFilter | None = None) -> bool:
         x_m, y_m, _ = pose
-        width_m, height_m = self.model.size_m
-        inside = abs(x_m) + radius_m <= width_m / 2 and abs(y_m) + radius_m <= height_m / 2
+        if not is_inside(self.model, x_m, y_m, radius_m):
+            return False
         space = self._queries.space
-        return inside and space.point_query_nearest((x_m, y_m), radius_m, ignoring or pymunk.ShapeFilter()) is None
+        return space.point_query_nearest((x_m, y_m), radius_m, ignoring or pymunk.ShapeFilter()) is None
 
 
 def _natural_key(name: str) -> tuple[list[str | int], str]:

@@ -59,6 +59,19 @@ def told(output: str) -> list[str]:
     return [line for line in output.splitlines() if not line.startswith("    ")]
 
 
+def test_a_start_outside_the_world_is_a_problem(eal: Any, write: Any) -> None:
+    start = "{plugins: {sim: {model: roomba, start: {x_m: %s, y_m: 0}}}}"
+    fleet = write("far.yaml", f"version: 1\nworld: lab\nrobots:\n  a: {start % 3.8}\n  b: {start % -3.9}\n")
+    result = eal("check", fleet)
+    assert result.exit_code == 2
+    where, what = told(result.stdout)[0].split(": ", 1)
+    assert len(told(result.stdout)) == 1
+    assert where == f"{fleet}:5:45"
+    assert what.startswith(
+        "robots.b.plugins.sim.start: the robot does not fit there into the world 'lab', which reaches"
+    )
+
+
 def test_problems_are_sorted_and_good_files_are_still_told(eal: Any, write: Any, slides: Path) -> None:
     world = write("b_world.yaml", "version: 1\nname: w\nsize_m: [1, -2]\n")
     fleet = write(

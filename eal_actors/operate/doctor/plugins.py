@@ -24,7 +24,7 @@ def check_plugins(config: FleetConfig, here: Iterable[RobotConfig]) -> Iterator[
     findings: dict[Diagnostic, None] = {}
     for robot in here:
         for instance, settings in robot.plugins.items():
-            wrong, broken = manager.check(replace(robot, plugins={instance: settings}))
+            wrong, broken = manager.check(replace(robot, plugins={instance: settings}), config.world)
             problems.update(dict.fromkeys(wrong))
             findings.update((_broken(manager.manifests[settings.plugin], error.message), None) for error in broken)
             if not wrong and not broken:
