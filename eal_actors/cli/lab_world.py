@@ -22,7 +22,7 @@ from eal_actors.cli.emulators import LabDevice, LabPose, devices_of, load_marked
 from eal_actors.device.emulator_wires import WIRES, EmulatorWire
 from eal_actors.device.plugin_context import FleetServices, PluginContext
 from eal_actors.facade.robot_starter import RobotStarter
-from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.clock import SystemClock
 from eal_actors.kernel.errors import PluginError
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.manifest import discover
@@ -34,7 +34,8 @@ def main(fleet: Path) -> None:
     threading.excepthook = _end_process
     config = load_marked(fleet)
     devices = sorted((device for device in devices_of(config) if device.is_in_world), key=lambda device: device.robot)
-    scheme, services = _scheme(config, devices), RobotStarter(config, REAL_TIME).services
+    clock = SystemClock()  # REAL_TIME begins with the machine's start: batteries of the world would be hours old
+    scheme, services = _scheme(config, devices), RobotStarter(config, clock).services
     with ExitStack() as stack:
         wires: list[tuple[str, EmulatorWire]] = []
         addresses: dict[str, str] = {}

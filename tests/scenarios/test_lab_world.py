@@ -61,6 +61,7 @@ def test_in_a_world_the_emulated_robots_touch_and_a_camera_sees_them(tmp_path: P
         with Fleet(EALConfigManager.load(file).fleet) as fleet:
             assert eventually(lambda: seen(fleet))
             assert seen(fleet) == pytest.approx((0.3, 0.0, math.pi / 2), abs=0.02)
+            assert fleet["bull"]["Battery"].get_value().get().value > 0.98, "its battery is new"
             before = picture(fleet)
             fleet["bull"]["Base"].send_cmd("f0.8").exception()
             assert eventually(lambda: fleet["bull"]["Bump"].get_value().get().value)
