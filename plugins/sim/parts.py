@@ -20,6 +20,7 @@ class SimBattery:
     Args:
         model: the battery model of the make.
         fraction: initial charge, 0..1.
+        since_s: the world's time at which it had that charge.
 
     Attributes:
         has_failed: whether it is treated as empty, whatever its charge.
@@ -27,10 +28,10 @@ class SimBattery:
     Thread: every member is for the holder of the world's lock.
     """
 
-    def __init__(self, model: BatteryModel, fraction: float = 1.0) -> None:
+    def __init__(self, model: BatteryModel, fraction: float = 1.0, since_s: float = 0.0) -> None:
         self._model = model
         self._capacity_as = model.capacity_ah * _SECONDS_PER_HOUR
-        self._before_as = (1.0 - fraction) * model.capacity_ah * _SECONDS_PER_HOUR
+        self._before_as = (1.0 - fraction) * self._capacity_as - model.idle_a * since_s
         self._drawn_as = self._speed_m_s = 0.0
         self.has_failed = False
 
@@ -44,7 +45,7 @@ class SimBattery:
 
     @property
     def limits(self) -> tuple[float, float, float, float]:
-        """The charge drawn before it joined, the currents of `BatteryModel`, and the capacity."""
+        """The charge drawn at the world's time 0 and no travel, the currents of `BatteryModel`, and the capacity."""
         return self._before_as, self._model.idle_a, self._model.drive_as_m, self._capacity_as
 
     def is_empty_after(self, now_s: float, turned_m: float) -> bool:

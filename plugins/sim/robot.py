@@ -42,6 +42,7 @@ class SimRobot(FreeRobot):
         tick_s: length of a physics tick.
         now_s: returns the world's time, in seconds.
         charge: initial charge of its battery, 0..1.
+        joined_s: the world's time at which it has that charge.
 
     Attributes:
         next_pose: its pose after the present tick, if nothing is in its way.
@@ -68,6 +69,7 @@ class SimRobot(FreeRobot):
         tick_s: float,
         now_s: Callable[[], float],
         charge: float = 1.0,
+        joined_s: float = 0.0,
     ) -> None:
         self.name = name
         self.make = make
@@ -84,7 +86,7 @@ class SimRobot(FreeRobot):
         self._seeds = seed, zlib.crc32(name.encode())
         motion_generator, self.sensor_generator = (np.random.default_rng([*self._seeds, use]) for use in range(2))
         self._wheels = SimWheels(make if noise else make.without_errors(), motion_generator)
-        self._battery = SimBattery(make.battery, charge)
+        self._battery = SimBattery(make.battery, charge, joined_s)
         self.tick_s = tick_s
         self.report_ticks: Final = 2 if tick_s < _CLOSE_S else 1
         self._faults = HEALTHY

@@ -167,6 +167,7 @@ class SimWorld:
                 tick_s=self.tick_s,
                 now_s=self._now_s,
                 charge=charge,
+                joined_s=self._due_tick() * self.tick_s,
             )
             robot.calibration = calibration
             if start is None:
@@ -258,11 +259,14 @@ class SimWorld:
     def _now_s(self) -> float:
         return self._tick * self.tick_s
 
+    def _due_tick(self) -> int:
+        return math.floor(self._clock.now() * self._rate_hz + _ROUNDING)
+
     def catch_up(self) -> float:
         """Run the due ticks, and return the world's time in seconds of the fleet's clock. Thread: holds `lock`."""
         if self._waiting:
             self._place_waiting()
-        due = math.floor(self._clock.now() * self._rate_hz + _ROUNDING)
+        due = self._due_tick()
         while self._tick < due and (self._tick_callbacks or self._driven or self._engine.is_awake):
             if self._tick_callbacks:
                 now_s = self._now_s()

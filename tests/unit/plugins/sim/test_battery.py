@@ -62,6 +62,17 @@ def test_the_resource_tells_the_figures() -> None:
     assert battery.send_req("charge").value == pytest.approx(1.1)
 
 
+def test_a_robot_that_joins_hours_later_has_its_initial_charge() -> None:
+    fleet = Fleet()
+    fleet.clock.advance(100 * 3600.0)
+    robot = fleet.add("r1", model="roomba", charge=0.5)
+    battery = robot.resource("Battery")
+    assert battery.get_value().value == pytest.approx(0.5)
+    fleet.clock.advance(3600.0)
+    assert battery.send_req("charge").value == pytest.approx(1.1)
+    robot.do("f0.2")
+
+
 def test_an_empty_battery_stops_the_robot_and_refuses_the_next_command() -> None:
     fleet = Fleet()
     robot = fleet.add("r1", (-2, 0, 0), charge=0.00025)  # 2.4 A s
