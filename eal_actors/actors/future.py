@@ -75,7 +75,8 @@ class Future(pykka.Future[T]):
     _get_hook: Callable[[float | None], T] | None = None  # Pykka sets it in __init__; ours waits until set_get_hook
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__} {self.describe()}: {'done' if self._done else 'pending'}>"
+        state = "cancelled" if self.cancelled() else "done" if self._done else "pending"
+        return f"<{type(self).__name__} {self.describe()}: {state}>"
 
     def describe(self) -> str:
         """Return a name of the future for messages."""

@@ -40,6 +40,14 @@ def test_the_first_outcome_stands() -> None:
     assert future.cancel() is False
 
 
+def test_the_repr_tells_whether_it_is_pending_done_or_cancelled() -> None:
+    future: Future[int] = Future()
+    assert repr(future) == "<Future future: pending>"
+    future.cancel()
+    assert repr(future) == "<Future future: cancelled>"
+    assert repr(done(1)) == "<Future future: done>"
+
+
 def test_a_failure_is_raised_each_time_with_its_own_traceback() -> None:
     future: Future[int] = Future()
     future.set_exception(UnavailableError("no"))
