@@ -16,6 +16,7 @@ from eal_actors.cli.records import RunArgument, reading_run
 from eal_actors.cli.run_options import RunsDirOption
 from eal_actors.lab.branching.bisect import bisect
 from eal_actors.lab.branching.branch import BranchRequest, branch, parse_fault
+from eal_actors.lab.branching.past import read_input
 from eal_actors.recording import RunFolder
 from eal_actors.recording.provenance import kept_scenario
 from eal_actors.scenario import load_scenario
@@ -52,9 +53,18 @@ def branch_run(
     with reading_run():
         RunFolder.open(run)  # names a folder that is none of a run
         file = load_scenario(scenario or kept_scenario(run)).file
-        with bad_option("--set"):
-            parameters = read_settings(file, settings or ())
-        made = branch(BranchRequest(run, at, without_fault or (), added, parameters, scenario), runs_dir)
+        past = read_input(run)
+    with bad_option("--set"):
+        parameters = read_settings(file, settings or ())
+    request = BranchRequest(past, at, without_fault or (), added, parameters, scenario)
+    with bad_option("--at"):
+        request.require_time()
+    with bad_option("--without-fault"):
+        request.require_planned()
+    with bad_option("--with-fault"):
+        request.require_injectable()
+    with reading_run():
+        made = branch(request, runs_dir)
     first = None if made.first is None else f"{made.first.where}: {made.first.left}, now {made.first.right}"
     if as_json:
         facts = {"run": str(made.directory), "outcome": made.report.outcome, "duration_s": made.report.duration_s}

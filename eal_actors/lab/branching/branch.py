@@ -14,7 +14,7 @@ import yaml
 
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ScenarioError
-from eal_actors.lab.branching.past import RecordedInput, read_input
+from eal_actors.lab.branching.past import RecordedInput
 from eal_actors.lab.proof.fleet_files import FAULTS, Content, fleet_content, injectable_faults, load_content, with_plan
 from eal_actors.lab.proof.trial import ends_before
 from eal_actors.managers.fleet_model import FleetConfig
@@ -43,6 +43,7 @@ class BranchRequest:
     """Another future of a run.
 
     Attributes:
+        past: the input of the run.
         at_s: when the futures part, in seconds since the run's start.
         without: faults that are absent from then on: `fault` or `robot.fault`, by their names in the fleet file.
         added: faults that begin then: `robot.fault` and their values.
@@ -50,12 +51,36 @@ class BranchRequest:
         scenario: the file of another version of the scenario, whose past must be the same.
     """
 
-    run: Path
+    past: RecordedInput
     at_s: float
     without: Sequence[str] = ()
     added: Mapping[str, Any] = field(default_factory=dict)
     parameters: Mapping[str, object] = field(default_factory=dict)
     scenario: Path | None = None
+
+    def require_time(self) -> None:
+        """Raise ScenarioError if the run has no state at the time."""
+        duration_s = self.past.report.duration_s
+        if not 0 <= self.at_s <= duration_s:
+            raise ScenarioError(f"the run lasted {duration_s:.2f} s; it has no state at {self.at_s:g} s")
+
+    def require_planned(self) -> None:
+        """Raise ScenarioError if the run has not one of the faults that are to be absent."""
+        planned = list(_planned(fleet_content(self.past.config, None)))
+        for name in self.without:
+            robot, _, fault = name.rpartition(".")
+            if not any(fault in entry and robot in ("", owner) for owner, _, entry in planned):
+                known = ", ".join(
+                    dict.fromkeys(f"{owner}.{key}" for owner, _, entry in planned for key in _keys(entry))
+                )
+                raise ScenarioError(f"the run has no fault {name!r}; its faults are: {known or 'none'}")
+
+    def require_injectable(self) -> None:
+        """Raise ScenarioError if a fault is to begin in a robot that takes none."""
+        injectable = injectable_faults(self.past.config)
+        for name in self.added:
+            if name.rpartition(".")[0] not in injectable:
+                raise ScenarioError(f"{name!r}: faults can be injected into {', '.join(injectable) or 'no robot'}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,20 +97,21 @@ def branch(request: BranchRequest, runs_dir: Path) -> Branch:
 
     Raises:
         ConfigError: a file is invalid, or a parameter has no such value.
-        ScenarioError: the run cannot be repeated, a fault does not exist, or the past differs.
+        ScenarioError: the run has no such state or fault, or the past differs.
 
     Thread: blocks the caller.
     """
-    past = read_input(request.run)
-    if not 0 <= request.at_s <= past.report.duration_s:
-        raise ScenarioError(f"the run lasted {past.report.duration_s:.2f} s; it has no state at {request.at_s:g} s")
+    request.require_time()
+    request.require_planned()
+    request.require_injectable()
+    past = request.past
     scenario = past.scenario
     if request.scenario is not None:
         scenario = load_scenario(request.scenario)
         given = past.report.parameters.items()
         scenario = with_parameters(scenario, {key: value for key, value in given if key in scenario.file.parameters})
     changed = with_parameters(scenario, request.parameters).parameters  # checks them
-    world = (request.run / WORLD).resolve()
+    world = (past.folder.path / WORLD).resolve()
     content: Content = fleet_content(past.config, world if world.is_file() else None)
     start_s = _start_s(scenario, past)
     content = _without_faults(content, request.without, start_s + request.at_s)
@@ -111,7 +137,7 @@ def branch(request: BranchRequest, runs_dir: Path) -> Branch:
 
 def _make_folder(request: BranchRequest, runs_dir: Path, name: str) -> Path:
     directory = new_run_folder(runs_dir, name)
-    facts = {"run": str(request.run), "at_s": request.at_s, "without": list(request.without)}
+    facts = {"run": str(request.past.folder.path), "at_s": request.at_s, "without": list(request.without)}
     facts |= {"added": dict(request.added), "parameters": dict(request.parameters)}
     with folder_errors(directory):
         (directory / BRANCH).write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
@@ -157,10 +183,6 @@ def _without_faults(content: Content, names: Sequence[str], at_s: float) -> Cont
     """Return a fleet in which planned faults are absent from a time of the fleet's clock."""
     for name in names:
         robot, _, fault = name.rpartition(".")
-        planned = list(_planned(content))
-        if not any(fault in entry and robot in ("", owner) for owner, _, entry in planned):
-            known = ", ".join(dict.fromkeys(f"{owner}.{key}" for owner, _, entry in planned for key in _keys(entry)))
-            raise ScenarioError(f"the run has no fault {name!r}; its faults are: {known or 'none'}")
         content = _ended(content, robot, fault, at_s)
     return content
 
@@ -192,8 +214,6 @@ def _with_faults(content: Content, config: FleetConfig, added: Mapping[str, Any]
     robots, injectable = dict(content["robots"]), injectable_faults(config)
     for name, value in added.items():
         robot, _, fault = name.rpartition(".")
-        if robot not in injectable:
-            raise ScenarioError(f"{name!r}: faults can be injected into {', '.join(injectable) or 'no robot'}")
         instance = injectable[robot][0]
         plan = [*robots[robot]["plugins"][instance].get(FAULTS, ()), {"at_s": at_s, fault: value}]
         robots[robot] = with_plan(robots[robot], instance, plan)
