@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -75,7 +76,9 @@ def sweep_scenario(
     _validate(sweep, limit)
     folder = SweepFolder(out or Path("sweeps") / request.scenario.name)
     console = stderr() if as_json else stdout()
-    with folder.open(sweep, repeat=repeat):
+    with ExitStack() as stack:
+        with bad_option("--out"):
+            stack.enter_context(folder.open(sweep, repeat=repeat))
         logged_before = folder.logged_bytes
         results = _run_sweep(console, folder, sweep, jobs or os.cpu_count() or 1)
         files = _write_results(folder, sweep, results)

@@ -62,6 +62,11 @@ FALLING = """\
 """
 
 
+def text_of(result: Any) -> str:
+    """Return what a command has written to stderr, without frames and line breaks."""
+    return " ".join(result.stderr.replace("│", " ").split())
+
+
 @pytest.fixture
 def fleet(write: Any) -> Path:
     write("falling.py", FALLING)
@@ -214,17 +219,25 @@ def test_finished_runs_are_kept_for_the_same_files_only(eal: Any, fleet: Path, w
 
     ways.write_text(ways.read_text().replace("off_m < most_m", "off_m <= most_m"))
     changed = sweep()
-    assert changed.exit_code == 1
-    assert f"{ways} has changed since the runs in {out}: run all of them again with --repeat" in changed.stderr
+    assert changed.exit_code == 2
+    assert f"{ways} has changed since the runs in {out}: run all of them again with --repeat" in text_of(changed)
     assert sweep("--repeat").exit_code == 0
     assert set(summaries(out)) == set(first)
     assert not set(summaries(out).items()) & set(first.items())
 
     with (out / ".lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        assert "another sweep uses" in sweep().stderr
+        assert "another sweep uses" in text_of(sweep())
     (out / "sweep.json").unlink()
-    assert "is not the folder of a sweep" in sweep().stderr
+    refused = sweep()
+    assert refused.exit_code == 2
+    assert "is not the folder of a sweep" in text_of(refused)
+
+
+def test_a_folder_that_cannot_be_written_is_wrong_input(eal: Any, fleet: Path, ways: Path) -> None:
+    result = eal("sweep", ways, "-f", fleet, "--out", fleet / "out")  # below a file
+    assert result.exit_code == 2
+    assert f"{fleet / 'out'}: cannot be written: Not a directory" in text_of(result)
 
 
 @pytest.mark.parametrize(
@@ -255,8 +268,7 @@ def test_what_cannot_be_swept_is_refused_before_anything_runs(
 ) -> None:
     result = eal("sweep", ways, "-f", fleet, *options, "--out", tmp_path / "out")
     assert result.exit_code == 2
-    told = " ".join(result.stderr.replace("│", " ").split())
-    assert message.format(ways=ways) in told
+    assert message.format(ways=ways) in text_of(result)
     assert not (tmp_path / "out").exists()
 
 

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from eal_actors.kernel import posix
-from eal_actors.kernel.errors import ScenarioError
+from eal_actors.kernel.errors import ScenarioError, writing
 from eal_actors.lab.sweeping.results import SweepResult, read_result
 from eal_actors.lab.sweeping.sweep import Sweep, SweepJob
-from eal_actors.recording import RunFolder, folder_errors, keep_provenance
+from eal_actors.recording import RunFolder, keep_provenance
 from eal_actors.scenario import Scenario
 from eal_actors.scenario.report.journal import SUMMARY
 
@@ -34,12 +34,13 @@ class SweepFolder:
         """Lock the folder for a sweep during the `with` block. `repeat` removes the finished runs.
 
         Raises:
+            ConfigError: the folder cannot be written.
             ScenarioError: the folder is not a sweep's, or its scenario or fleet differs, or another process uses it.
         """
         settings = self.path / SETTINGS
-        if self.path.exists() and not settings.is_file() and any(self.path.iterdir()):
-            raise ScenarioError(f"{self.path} is not the folder of a sweep; choose another one with --out")
-        with folder_errors(self.path):
+        with writing(self.path):
+            if self.path.exists() and not settings.is_file() and any(self.path.iterdir()):
+                raise ScenarioError(f"{self.path} is not the folder of a sweep; choose another one with --out")
             (self.path / _RUNS).mkdir(parents=True, exist_ok=True)
             lock = (self.path / _LOCK).open("w")
         with lock:
@@ -47,12 +48,13 @@ class SweepFolder:
                 posix.lock(lock)
             except BlockingIOError:
                 raise ScenarioError(f"another sweep uses {self.path}; choose another folder with --out") from None
-            if repeat:
-                shutil.rmtree(self.path / _RUNS)
-                (self.path / _RUNS).mkdir()
-            elif settings.is_file():
-                self._require_same(sweep, json.loads(settings.read_text(encoding="utf-8")))
-            self._write_settings(sweep)
+            with writing(self.path):
+                if repeat:
+                    shutil.rmtree(self.path / _RUNS)
+                    (self.path / _RUNS).mkdir()
+                elif settings.is_file():
+                    self._require_same(sweep, json.loads(settings.read_text(encoding="utf-8")))
+                self._write_settings(sweep)
             yield
 
     @property
