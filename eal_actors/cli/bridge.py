@@ -10,7 +10,7 @@ from rich.text import Text
 from eal_actors.cli.fleets import read_fleet
 from eal_actors.cli.interrupts import handle_signals
 from eal_actors.cli.options import FleetOption
-from eal_actors.cli.output import print_line, stdout
+from eal_actors.cli.output import print_line, service_output
 from eal_actors.cli.plugin_settings import SettingOption, parse_settings
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
@@ -29,7 +29,7 @@ def bridge_fleet(
     handle_signals()
     config = read_fleet(fleet)
     bridge, settings = EALPluginManager(config.plugin_dirs).bridge(plugin, parse_settings(setting or []))
-    out = stdout()
+    out = service_output()
     with Fleet(config).connect() as opened, bridge.open_bridge(opened, settings) as line:
         try:
             print_line(out, Text.assemble((config.name, "bold"), f": {line}; Ctrl-C ends it"))

@@ -15,7 +15,7 @@ from eal_actors.cli.fleets import in_real_time, read_fleet
 from eal_actors.cli.interrupts import handle_signals
 from eal_actors.cli.live_view import FoxgloveControlOption, FoxgloveOption, foxglove_at
 from eal_actors.cli.options import FleetOption
-from eal_actors.cli.output import stdout
+from eal_actors.cli.output import service_output
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
@@ -73,7 +73,7 @@ def show_dashboard(
     with Fleet(config).connect() as opened:
         folders = {"scenarios": scenarios or _scenarios(), "runs_dir": runs_dir, "keys": folder_of(config)}
         page = Dashboard(opened, access, port=port, tls=tls, **folders)
-        out = stdout()
+        out = service_output()
         with foxglove_at(foxglove, opened, out, allow_control=foxglove_control), page:
             try:
                 _announce(page, config.name, out)

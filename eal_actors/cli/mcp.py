@@ -17,7 +17,7 @@ from eal_actors.cli.fleets import in_real_time, read_fleet
 from eal_actors.cli.interrupts import handle_signals
 from eal_actors.cli.live_view import FoxgloveOption, foxglove_at
 from eal_actors.cli.options import FleetOption, JsonOption
-from eal_actors.cli.output import new_table, print_line, stderr, stdout, write_json
+from eal_actors.cli.output import new_table, print_line, service_output, stdout, write_json
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.kernel.log import get_logger
@@ -61,7 +61,7 @@ def serve_agents(
     rules = load_policy(policy) if policy is not None else None
     config = in_real_time(read_fleet(fleet))
     require_modules(config, config.robots)
-    console = stderr()  # stdout is the protocol's
+    console = service_output(sys.stderr)  # stdout is the protocol's
     with ExitStack() as stack:
         audit = stack.enter_context(closing(AuditLog(runs_dir).start()))
         opened = stack.enter_context(Fleet(config).connect())

@@ -8,7 +8,7 @@ import os
 import reprlib
 import sys
 from collections.abc import Iterable
-from typing import Any, Final, TextIO
+from typing import Any, Final, TextIO, cast
 
 from rich import box
 from rich.console import Console, ConsoleOptions, RenderableType
@@ -18,6 +18,7 @@ from rich.text import Text
 from typing_extensions import override
 
 from eal_actors.device.data import DataType, EALData
+from eal_actors.kernel.non_blocking_stream import NonBlockingStream
 from eal_actors.kernel.printable import printable
 
 _PIPE_WIDTH: Final = 160  # columns of a table in a pipe or a file: wide, so that lines stay whole for grep
@@ -39,6 +40,11 @@ class _Console(Console):
 def stdout(pipe_width: int = _PIPE_WIDTH) -> Console:
     """Return a console on stdout, for results. Tables in a pipe or a file are `pipe_width` columns wide."""
     return _console(sys.stdout, pipe_width)
+
+
+def service_output(file: TextIO | None = None) -> Console:
+    """Return a console on a file, or stdout, for programs that run on: a paused terminal does not hold them up."""
+    return _console(cast("TextIO", NonBlockingStream(file or sys.stdout)), _PIPE_WIDTH)
 
 
 def stderr() -> Console:

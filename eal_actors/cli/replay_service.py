@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from eal_actors.cli.interrupts import handle_signals
-from eal_actors.cli.output import print_line, stdout
+from eal_actors.cli.output import print_line, service_output
 from eal_actors.facade.service import serve_together
 from eal_actors.kernel.clock import REAL_TIME, Clock, new_waiter
 from eal_actors.managers.fleet_model import FleetConfig
@@ -19,7 +19,7 @@ _REDRAW_S = 0.25
 def serve_replay(config: FleetConfig, robots: Sequence[str], duration_s: float, *, loops: bool) -> None:
     """Serve the robots of a replay until Ctrl-C; all of them share one playback."""
     handle_signals()
-    out = stdout()
+    out = service_output()
     with serve_together(config, robots) as services:
         clock = services[0].robot.clock
         playback = _Playback(clock, duration_s, loops=loops)

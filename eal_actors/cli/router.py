@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import signal
+import sys
 from pathlib import Path
 from typing import Annotated, Final
 
 import typer
 
 from eal_actors.cli.options import GlobalOptions
-from eal_actors.cli.output import print_line, stderr
+from eal_actors.cli.output import print_line, service_output
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.config import EALConfigManager
@@ -52,7 +53,9 @@ def run_router(
             if (context.find_object(GlobalOptions) or GlobalOptions()).log_format == "json":
                 get_logger().warning("the router listens", endpoints=endpoints)  # of a visible level
             else:
-                print_line(stderr(), f"The router listens at {', '.join(endpoints)}; Ctrl-C stops it.")
+                print_line(
+                    service_output(sys.stderr), f"The router listens at {', '.join(endpoints)}; Ctrl-C stops it."
+                )
             REAL_TIME.wait(new_waiter(), None)
         except KeyboardInterrupt:  # SIGTERM raises it too
             signal.signal(signal.SIGTERM, signal.SIG_IGN)

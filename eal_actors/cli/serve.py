@@ -16,7 +16,7 @@ from eal_actors.cli.exit_codes import report_error
 from eal_actors.cli.fleets import read_fleet
 from eal_actors.cli.interrupts import handle_signals, reload_at_hangup
 from eal_actors.cli.options import FleetOption, GlobalOptions
-from eal_actors.cli.output import print_line, stdout
+from eal_actors.cli.output import print_line, service_output
 from eal_actors.cli.telemetry import MetricsPortOption, TraceOption, metrics_at, traces_to
 from eal_actors.facade.service import RobotService, serve_together
 from eal_actors.kernel.errors import ConfigError, EALError, Problem
@@ -42,7 +42,7 @@ def serve_robot(
     the fleet file. Robots and controllers with another one do not hear each other.
     """
     handle_signals()
-    out, names = stdout(), list(dict.fromkeys(robot))
+    out, names = service_output(), list(dict.fromkeys(robot))
     if metrics_port is not None and len(names) > 1:
         raise typer.BadParameter("needs one robot for each process", param_hint="'--metrics-port'")
     config = _with_identity(read_fleet(fleet, names), out)
