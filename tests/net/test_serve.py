@@ -1,4 +1,4 @@
-"""`eal serve` as a process: how it ends."""
+"""`eal serve`: how it ends, and that it serves a robot that has failed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from eal_actors import Fleet
-from tests.net.rig import WAIT_S, Rig, ready
+from eal_actors.actors.robot_view import RobotState
+from eal_actors.kernel.errors import ResourceFaultError, RobotFailedError
+from tests.net.links import eventually
+from tests.net.rig import WAIT_S, Rig, failure, ready
 from tests.program import eal_processes
 
 
@@ -27,3 +30,13 @@ def test_it_ends_at_sigterm_while_its_terminal_is_paused(tmp_path: Path) -> None
         stack.enter_context(ready(Fleet(rig.config)))
         server.terminate()
         assert server.wait(WAIT_S) == 0
+
+
+def test_a_robot_that_has_failed_is_served_with_the_reason(tmp_path: Path) -> None:
+    rig = Rig(tmp_path, extra={"defaults": {"max_restarts": 0}})
+    with rig.served_here() as fleet:
+        robot = fleet["r1"]
+        failure(robot["Arm"].send_cmd("crash"), ResourceFaultError)
+        assert eventually(lambda: robot.ping().get(timeout=WAIT_S).state is RobotState.FAILED)
+        assert "stopped safely after more than 0 restarts" in str(failure(robot["Arm"].get_value(), RobotFailedError))
+        assert rig.notes("halt")

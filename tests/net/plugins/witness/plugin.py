@@ -112,6 +112,11 @@ class Arm(api.Resource):
         yield 0.0
         raise OSError("jammed")
 
+    @api.command("crash")
+    def crash(self) -> None:
+        """End the resource's actor."""
+        raise SystemExit(1)
+
     @api.command("s", urgent=True)
     def stop(self) -> None:
         """Stop."""
