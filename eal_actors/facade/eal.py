@@ -28,6 +28,7 @@ from eal_actors.facade.connections import (
     unknown_robot,
 )
 from eal_actors.facade.fleet import Fleet
+from eal_actors.facade.shutdown import is_to_close
 from eal_actors.facade.tasks import TaskGroup
 from eal_actors.kernel.bundled import FLEET_VARIABLE, bundled_path, find_file
 from eal_actors.kernel.errors import RemoteError, RobotNotFoundError, UnavailableError
@@ -131,7 +132,7 @@ class EAL(BlockingParts):
     def _release(self) -> None:
         self._is_open = False
         fleet, self._owned_fleet = self._owned_fleet, None
-        if fleet is not None:
+        if fleet is not None and is_to_close(fleet.close):
             remove_connection(self._robot)
             release_fleet(fleet)
 

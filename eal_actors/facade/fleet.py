@@ -18,7 +18,7 @@ from eal_actors.facade.fix_forwarding import FixForwarder
 from eal_actors.facade.fleet_calls import FleetCalls
 from eal_actors.facade.fleet_table import fleet_table
 from eal_actors.facade.robot_starter import RobotStarter
-from eal_actors.facade.shutdown import close_on_exit, forget
+from eal_actors.facade.shutdown import close_on_exit, forget, is_to_close
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import (
     EALError,
@@ -205,8 +205,11 @@ class Fleet(FleetCalls):
     def close(self, timeout_s: float = CLOSE_TIMEOUT_S) -> None:
         """Halt all motion, disconnect every robot and end its threads. Closing it twice is harmless.
 
-        A robot that is stuck is abandoned after `timeout_s` real seconds. Thread: blocks the caller.
+        A robot that is stuck is abandoned after `timeout_s` real seconds. In a child process of `os.fork` it does
+        nothing: the robots are the parent's. Thread: blocks the caller.
         """
+        if not is_to_close(self.close):
+            return
         with self._start_lock:
             robots = dict(self._robots)
             self._forwarder.close()

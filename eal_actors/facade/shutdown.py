@@ -35,6 +35,14 @@ def forget(close: Callable[[], None]) -> None:
         _replace_handlers(_exit, signal.SIG_DFL)
 
 
+def is_to_close(close: Callable[[], None]) -> bool:
+    """Return whether something is to be closed: neither has it been, nor is it the copy of a forked child.
+
+    The copy has no threads, so that nothing of it would ever end. Thread: any.
+    """
+    return close in _actions
+
+
 @atexit.register
 def _close_all() -> None:
     for close in list(_actions):

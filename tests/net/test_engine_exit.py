@@ -87,6 +87,19 @@ sys.exit(os.waitstatus_to_exitcode(status))
 """
 """Its child ends with an exit code of its own, and leaves the parent's fleet alone."""
 
+LEAVER = """
+import os, sys, time
+from eal_actors import Fleet, connect
+how, file = sys.argv[1:]
+with Fleet.load(file) if how == "Fleet" else connect("r1", fleet=file):
+    if child := os.fork():
+        before_s = time.monotonic()
+        _, status = os.waitpid(child, 0)
+        assert time.monotonic() - before_s < 5, "the child has waited"
+sys.exit(os.waitstatus_to_exitcode(status) if child else 5)
+"""
+"""Its child leaves a `with` block that its parent has entered."""
+
 ENDS = {"return": 0, "sys.exit": 7, "close": 0, "SIGTERM": 143, "SIGINT": -2}
 
 
@@ -144,6 +157,13 @@ def test_a_forked_child_ends_at_once_and_leaves_its_parents_fleet_alone(rig: Rig
     """It waited 25 s for its parent's threads."""
     with rig.served_here():
         assert outcome(run(PARENT, rig.file)) == (5, "")
+
+
+@pytest.mark.parametrize("how", ["Fleet", "connect"])
+def test_a_forked_child_leaves_a_with_block_of_its_parent_at_once(rig: Rig, how: str) -> None:
+    """It waited 8 s for threads that it does not have."""
+    with rig.served_here():
+        assert outcome(run(LEAVER, how, rig.file)) == (5, "")
 
 
 def count_endings(folder: Path, programs: int) -> dict[str, Counter[int]]:
