@@ -78,6 +78,7 @@ class RobotService:
 
         Raises:
             ConfigError: its plugins refuse their settings; or `exclusive` names an unknown resource.
+            DataError: it has more resources, or more text about them, than controllers take.
             RobotFailedError: it could not start.
             UnavailableError: the port is in use, or no router answers.
 

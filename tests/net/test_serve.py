@@ -8,11 +8,15 @@ import termios
 from contextlib import ExitStack
 from pathlib import Path
 
+import pytest
+
 from eal_actors import Fleet
 from eal_actors.actors.robot_view import RobotState
-from eal_actors.kernel.errors import ResourceFaultError, RobotFailedError
+from eal_actors.facade.service import RobotService
+from eal_actors.kernel.errors import DataError, ResourceFaultError, RobotFailedError
 from tests.net.links import eventually
 from tests.net.rig import WAIT_S, Rig, failure, ready
+from tests.plugin_files import write_plugin
 from tests.program import eal_processes
 
 
@@ -40,3 +44,15 @@ def test_a_robot_that_has_failed_is_served_with_the_reason(tmp_path: Path) -> No
         assert eventually(lambda: robot.ping().get(timeout=WAIT_S).state is RobotState.FAILED)
         assert "stopped safely after more than 0 restarts" in str(failure(robot["Arm"].get_value(), RobotFailedError))
         assert rig.notes("halt")
+
+
+def test_a_robot_that_fits_no_handshake_is_refused(tmp_path: Path) -> None:
+    """Each controller refused it; `eal serve` said nothing."""
+    code = "from eal_actors.plugin import EALPlugin, Resource\nclass Lamp(Resource):\n    __doc__ = 'x' * 2**20\n"
+    write_plugin(tmp_path, "lamp", code, "Lamp")
+    rig = Rig(tmp_path)
+    rig.content["plugin_dirs"] = ["plugins"]
+    rig.content["robots"]["r1"]["plugins"] = {"lamp": {}}
+    rig.write()
+    with pytest.raises(DataError, match="r1: cannot be served: the information of its resources"):
+        RobotService(rig.config, "r1").open()

@@ -20,7 +20,7 @@ from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.inbox import Action
 from eal_actors.device.data import Payload
 from eal_actors.kernel.clock import REAL_TIME
-from eal_actors.kernel.errors import BusyError, EALError, ProtocolError, UnsupportedError, error_text
+from eal_actors.kernel.errors import BusyError, DataError, EALError, ProtocolError, UnsupportedError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.network_model import NetworkConfig
 from eal_actors.wire.format import keys
@@ -29,7 +29,7 @@ from eal_actors.wire.format.messages import decode_heartbeat
 from eal_actors.wire.format.parts import BEGINS_PART, PartStore
 from eal_actors.wire.local_link import LocalLink, LocalListener
 from eal_actors.wire.rpc.server.outbox import Outbox, ReplyBatch
-from eal_actors.wire.rpc.server.request_handler import HostServices
+from eal_actors.wire.rpc.server.request_handler import HostServices, require_handshake
 from eal_actors.wire.rpc.server.request_queue import RequestQueue
 from eal_actors.wire.rpc.server.robot_server import RobotServer
 from eal_actors.wire.rpc.throttled_log import ThrottledLog
@@ -108,8 +108,13 @@ class RobotHost(EALActor):
     def serve(self, robot: RobotHandle, exclusive: Iterable[str] | None = None) -> RobotServer:
         """Serve a started robot of this process until its server is closed. Thread: blocks the caller for a moment.
 
-        `exclusive` are the resources that one controller at a time may command; every actuator if None.
+        `exclusive` are the resources that one controller at a time may command; every actuator if None. Raises
+        DataError if the robot has too many resources for a handshake.
         """
+        try:
+            require_handshake([handle.info for handle in robot.values()])
+        except DataError as error:
+            raise error.at(robot.name) from None
         server = RobotServer(self._services, robot, self._session, exclusive)
         with self._lock:
             self._servers = {**self._servers, robot.name: server}

@@ -7,17 +7,19 @@ before it, and a release, which must take effect before the controller's next co
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.robot_view import RobotState, release
+from eal_actors.device.info import ResourceInfo
 from eal_actors.kernel.clock import REAL_TIME
-from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError, error_text
+from eal_actors.kernel.errors import DataError, EALError, ProtocolError, UnavailableError, error_text
 from eal_actors.managers.network_model import NetworkConfig
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import Answer, CallHeader, CallId, RobotEvent
+from eal_actors.wire.format.packing import MAX_ITEMS, pack
 from eal_actors.wire.rpc.server.admission import Admission
 from eal_actors.wire.rpc.server.controller_memories import ControllerMemories
 from eal_actors.wire.rpc.server.outbox import Outbox
@@ -30,6 +32,13 @@ from eal_actors.wire.streams.publisher import StreamPublisher
 
 _MAX_TEXT: Final = 500
 """Characters of a plugin's text in each ping and handshake: one that does not fit would keep all controllers out."""
+
+
+def require_handshake(infos: Sequence[ResourceInfo]) -> None:
+    """Raise DataError if no handshake holds the information of a robot's resources: no controller could connect."""
+    if len(infos) > MAX_ITEMS:
+        raise DataError(f"cannot be served: it has {len(infos)} resources, more than the {MAX_ITEMS} of a handshake")
+    pack([info.to_dict() for info in infos], "cannot be served: the information of its resources")
 
 
 class HostServices(NamedTuple):
