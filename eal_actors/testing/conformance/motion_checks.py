@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle
 from eal_actors.device.info import CommandInfo
 from eal_actors.device.resource import Resource
 from eal_actors.kernel.errors import PreemptedError, ResourceFaultError, ReturnTypeError
-from eal_actors.testing.conformance.bench import Bench, Findings, actuators, wait_until_started
+from eal_actors.testing.conformance.bench import Bench, Findings, actuators, wait_until, wait_until_started
 from eal_actors.testing.conformance.values import lasting_argument
+
+_REST_S: Final = 5.0
+"""Real seconds in which a halted resource comes to rest, and a reading shows it."""
 
 
 def start_command(handle: ResourceHandle, command: CommandInfo, findings: Findings) -> Future[int] | None:
@@ -88,6 +93,23 @@ def stops_running_commands(bench: Bench, findings: Findings) -> None:
             findings.answer(handle.halt())
             if newer is not None:
                 findings.refusal(newer, PreemptedError)
+
+
+def comes_to_rest(bench: Bench, findings: Findings) -> None:
+    """The status of a resource with a stop command is 0 at rest: before its first command, and soon after a halt."""
+    with bench.robot() as robot:
+        for handle in robot.values():
+            if handle.info.urgent_commands and "get_status" in handle.info.methods:
+                _expect_rest(findings, handle)
+
+
+def _expect_rest(findings: Findings, handle: ResourceHandle) -> None:
+    status = findings.answer(handle.get_status())
+    is_known = findings.expect(not status, f"{handle.name}: its status is {status} before its first command, not 0")
+    if is_known and start_lasting_command(handle, findings) is not None:
+        findings.answer(handle.halt())
+        rests = wait_until(lambda: not findings.answer(handle.get_status()), _REST_S)
+        findings.expect(rests, f"{handle.name}: its status is not 0 after a halt")
 
 
 def _expect_preempted(

@@ -62,6 +62,7 @@ CHECKS: Final = (
     Check(call_checks.refuses_bad_arguments, "no argument has a type"),
     Check(motion_checks.can_be_halted, "it has no actuator"),
     Check(motion_checks.stops_running_commands, "no command of an actuator takes time"),
+    Check(motion_checks.comes_to_rest, "no resource has a stop command and a status"),
     Check(pose_checks.estimates_its_pose, "it has no Pose that estimates"),
     Check(lifecycle_checks.shares_no_state, "two instances cannot run side by side"),
     Check(connection_checks.separates_concurrent_calls, "no call works without an argument"),

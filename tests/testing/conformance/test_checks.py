@@ -10,7 +10,15 @@ from eal_actors.cli.plugin import write_plugin
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.managers.manifest import read_manifest
 from eal_actors.managers.plugins import import_plugin
-from eal_actors.testing.conformance import CHECKS, Bench, CheckResult, run_check, run_checks, settings_of
+from eal_actors.testing.conformance import (
+    CHECKS,
+    Bench,
+    CheckResult,
+    motion_checks,
+    run_check,
+    run_checks,
+    settings_of,
+)
 
 INIT = "    def __init__(self) -> None:\n"
 STATUS = "        return int(self._moves)\n"
@@ -141,6 +149,18 @@ MISTAKES = {
         f"        if hasattr(self, 'used'):\n            return 1\n        self.used = True\n{MOVE}",
         "did not start again",
     ),
+    "a status that stays 1": (
+        "comes to rest",
+        STATUS,
+        "        return 1\n",
+        "status is 1 before its first command",
+    ),
+    "a status that a halt keeps": (
+        "comes to rest",
+        '"""Stop at once."""\n        self._moves = False',
+        '"""Stop at once."""',
+        "status is not 0 after a halt",
+    ),
     "a speed for all": (
         "shares no state",
         "        self.speed_m_s = 0.1\n",
@@ -158,7 +178,8 @@ _ONCE = [1]
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_a_mistake_is_found(slide: Path, mistake: str) -> None:
+def test_a_mistake_is_found(slide: Path, mistake: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(motion_checks, "_REST_S", 0.1)
     name, before, after, words = MISTAKES[mistake]
     spoil(slide, "plugin.py", before, after)
     if "_EVERYBODY" in after or "_ONCE" in after:
