@@ -18,6 +18,7 @@ from typing import Any
 from eal_actors.actors.actor import EALActor
 from eal_actors.actors.call import MOTION_METHODS, Call, ResourceCell
 from eal_actors.actors.inbox import Inbox
+from eal_actors.device.data.c_types import short_repr
 from eal_actors.device.resource import Activity, Progress, Resource
 from eal_actors.kernel import log
 from eal_actors.kernel.clock import ROUNDING_S, Timer
@@ -286,9 +287,11 @@ class ActivityActor(EALActor):
 
 def status_of(result: Any) -> int:
     """Return a status int, where None counts as 1, the thesis's success; or raise ReturnTypeError."""
-    if not isinstance(result, int | None):
-        raise ReturnTypeError(f"returned {result!r} where a status int is wanted")
-    return 1 if result is None else int(result)
+    if result is None:
+        return 1
+    if not isinstance(result, int) or not -(2**63) <= result < 2**63:  # more has no form on the network
+        raise ReturnTypeError(f"returned {short_repr(result)} where a status int is wanted")
+    return int(result)
 
 
 def seconds_of(delay_s: object) -> float:
@@ -296,4 +299,4 @@ def seconds_of(delay_s: object) -> float:
     with contextlib.suppress(OverflowError):
         if isinstance(delay_s, numbers.Real) and float(delay_s) >= 0:
             return float(delay_s)
-    raise ReturnTypeError(f"yielded {delay_s!r} where seconds until its next step are wanted")
+    raise ReturnTypeError(f"yielded {short_repr(delay_s)} where seconds until its next step are wanted")

@@ -112,3 +112,38 @@ def test_what_they_give_is_checked_against_what_was_promised() -> None:
             robot["Tank"].get_value().get()
         with pytest.raises(ReturnTypeError, match="send_req 'level' returned a value"):
             robot["Tank"].send_req("level").get()
+
+
+def _nested(depth: int) -> list[object]:
+    nested: list[object] = []
+    for _ in range(depth):
+        nested = [nested]
+    return nested
+
+
+@pytest.mark.parametrize("status", [2**70, -(2**63) - 1, _nested(5000), "x" * 100_000])
+def test_a_status_that_no_message_can_carry_fails_its_command_at_once(status: object) -> None:
+    class Odd(Resource):
+        """Returns what it may not."""
+
+        types = ResourceType.ACTUATOR
+
+        def halt(self) -> None:
+            """Do nothing."""
+
+        @command("now")
+        def now(self) -> object:
+            """Return it at once."""
+            return status
+
+        @command("later")
+        def later(self) -> Activity:
+            """Return it after a step."""
+            yield 0.0
+            return status
+
+    with running_robot({"Odd": Odd}) as robot:
+        for name in ("now", "later"):
+            with pytest.raises(ReturnTypeError, match=f"send_cmd '{name}' returned .* where a status int") as caught:
+                robot["Odd"].send_cmd(name).get(timeout=5)
+            assert len(str(caught.value)) < 300

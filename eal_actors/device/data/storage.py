@@ -50,6 +50,8 @@ PLAIN_NUMBERS: Final = {
 def infer(value: Any) -> tuple[CType, Any]:
     """Return the C type of a value that is no plain int, float or bool."""
     is_array = is_numpy(value, "ndarray")
+    if is_array and hasattr(value, "mask"):
+        raise DataError("a masked numpy array has no type; give what stands for its masked elements: array.filled(...)")
     if is_array or is_numpy(value, "generic"):
         c_type = (ARRAY_BY_DTYPE if is_array else SCALAR_BY_DTYPE).get(value.dtype.str)
         if c_type is None:
@@ -165,7 +167,9 @@ def _store_array(c_type: CType, array: np.ndarray[Any, Any]) -> Stored:
         allowed = f"an array of dtype {c_type.dtype}" if c_type.is_ptr and c_type.dtype else "no numpy array"
         hint = "; arrays need is_ptr=True" if not c_type.is_ptr else ""
         raise DataError(f"{c_type.full_name}: given a numpy array of dtype {array.dtype.str}, takes {allowed}{hint}")
-    view = array.view()
+    import numpy as np
+
+    view = array.view(np.ndarray)
     view.flags.writeable = False
     return view, None, view.nbytes, view.shape
 
@@ -251,8 +255,9 @@ def pack(c_type: CType, value: Any, length: int, shape: tuple[int, ...] | None) 
         return b""
     if isinstance(value, str):
         return value.encode().ljust(length, b"\0")
-    if shape is not None:
-        return memoryview(value.reshape(-1).view("u1"))
+    if shape is not None:  # a view that steps through another array, such as [::-1], has no bytes in a row
+        block = value if value.flags.c_contiguous else value.copy()
+        return memoryview(block.reshape(-1).view("u1")).toreadonly()
     return _SCALARS[c_type.code].pack(value)
 
 

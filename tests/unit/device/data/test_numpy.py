@@ -102,6 +102,41 @@ def test_numpy_array_of_another_type_is_refused(kind: DataType, modifiers: dict[
         EALData(kind, np.zeros(2, np.float32), **modifiers)
 
 
+class _Subclass(np.ndarray[Any, Any]):
+    """An array of another library."""
+
+
+@pytest.mark.parametrize(
+    "view",
+    [
+        np.arange(6)[::-1],
+        np.arange(12)[::2],
+        np.arange(12, dtype=np.uint8)[::-1],
+        np.arange(24, dtype=np.uint8).reshape(2, 4, 3)[..., ::-1],
+        np.arange(12.0).reshape(3, 4)[:, ::-1],
+        np.arange(12.0).reshape(3, 4)[1:, 1:3],
+        np.broadcast_to(np.float32(2), (2, 3)),
+        np.arange(4).reshape(2, 2)[::-1].view(_Subclass),
+        np.zeros((0, 3))[::-1],
+    ],
+    ids=lambda view: f"{view.dtype}{view.shape}{view.strides}",
+)
+def test_views_of_other_arrays_have_their_own_elements_as_bytes(view: Any) -> None:
+    data = EALData.of(view)
+    plain = np.array(view, order="C", subok=False)
+
+    assert type(data.value) is np.ndarray
+    assert bytes(data.payload) == plain.tobytes()
+    assert memoryview(data.payload).c_contiguous
+    assert memoryview(data.payload).readonly
+    assert np.array_equal(rig.rebuilt(data, data.payload).value, plain)
+
+
+def test_masked_array_is_refused_because_its_mask_would_be_lost() -> None:
+    with pytest.raises(DataError, match=r"a masked numpy array has no type; .*array\.filled"):
+        EALData.of(np.ma.array([1, 2], mask=[False, True]))
+
+
 def test_readers_cannot_write_and_the_owner_keeps_a_writable_array() -> None:
     array = np.zeros(3, np.float32)
     data = EALData.of(array)
