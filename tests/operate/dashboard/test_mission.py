@@ -86,6 +86,48 @@ def test_nothing_covers_the_tools_of_the_map_in_any_view(open_page: OpenPage, fl
                     assert button.evaluate(on_top), f"{name} is covered in {view} at {width} x {height}"
 
 
+def test_long_names_of_robots_widen_no_view_of_a_phone(open_page: OpenPage, tmp_path: Path) -> None:
+    """A page wider than the screen has a taller window too, with STOP below the edge of the screen."""
+    name = "robot-" + "x" * 60
+    phone = {"viewport": {"width": 360, "height": 640}, "is_mobile": True, "has_touch": True}
+    with (
+        counting_fleet(
+            tmp_path, name, more=f"  camera-{'y' * 60}: {{plugins: {{sim: {{model: roomba}}}}}}"
+        ).connect() as fleet,
+        open_dashboard(fleet) as dashboard,
+        open_page(dashboard.link + "#/fleet", **phone) as page,
+    ):
+        expect(page.locator("tr[data-robot]")).to_have_count(2)
+        for view in ("mission", "fleet", "map", "cameras", "scenario", "logs", f"robot/{name}"):
+            page.evaluate("(view) => { location.hash = `#/${view}`; }", view)
+            expect(page.locator("nav [aria-current]")).to_have_attribute(
+                "href", f"#/{view.partition('/')[0]}".replace("robot", "fleet")
+            )
+            assert page.evaluate("[innerWidth, innerHeight]") == [360, 640], view
+            box = page.locator("#stop").bounding_box()
+            assert box is not None
+            assert box["y"] + box["height"] <= 640, view
+            assert page.evaluate(
+                """() => [...document.querySelectorAll("#main :is(select, label, .map canvas)")]
+                    .every((node) => node.getBoundingClientRect().right <= innerWidth)"""
+            ), view
+
+
+def test_a_page_that_is_loaded_during_a_run_offers_the_scenario_that_runs(
+    open_page: OpenPage, fleet: Fleet, tmp_path: Path
+) -> None:
+    for name in ("a", "b"):
+        (tmp_path / f"{name}.yaml").write_text(scenario_of("send_cmd: {resource: Base, cmd: turn9}", name=name))
+    with open_dashboard(fleet, scenarios=tmp_path) as dashboard, open_page(dashboard.link + "#/scenario") as page:
+        choice = page.get_by_label("Scenario", exact=True)
+        expect(choice).to_have_value("a.yaml")
+        choice.select_option("b.yaml")
+        page.get_by_role("button", name="Start", exact=True).click()
+        expect(page.locator("#main")).to_contain_text("Done")
+        page.reload()
+        expect(choice).to_have_value("b.yaml")
+
+
 def test_an_alert_names_the_robot_and_goes_when_it_is_over(
     open_page: OpenPage, fleet: Fleet, dashboard: Dashboard
 ) -> None:

@@ -108,6 +108,15 @@ export function scenarioView(root) {
   };
 }
 
+/**
+ * Return a text of a file as an element of its own, so that one from right to left does not reorder what stands beside it.
+ *
+ * @param {string | null | undefined} text
+ */
+function isolated(text) {
+  return el("bdi", {}, text ?? "");
+}
+
 class ScenarioForm {
   /** @type {ScenarioEntry[]} */
   scenarios = [];
@@ -148,7 +157,8 @@ class ScenarioForm {
       el("option", { value: file }, `${name}${problems.length ? " ✕" : ""}`),
     );
     this.select.replaceChildren(...options);
-    const last = this.scenarios.find((entry) => entry.file === lastFile);
+    const run = store.run.phase === "none" ? null : store.run.scenario; // of a page that was loaded during it or after
+    const last = this.scenarios.find((entry) => (lastFile ? entry.file === lastFile : entry.name === run));
     const chosen = last ?? this.scenarios.find((entry) => !entry.problems.length);
     this.select.value = chosen?.file ?? "";
     this.choose(this.select.value);
@@ -158,7 +168,8 @@ class ScenarioForm {
   choose(file) {
     lastFile = file;
     const entry = this.scenarios.find((candidate) => candidate.file === file);
-    setText(this.about, entry ? `${entry.description ?? ""} (${entry.file})` : "This folder holds no scenarios.");
+    if (entry) this.about.replaceChildren(isolated(entry.description), " (", isolated(entry.file), ")");
+    else setText(this.about, "This folder holds no scenarios.");
     this.fields.clear();
     const labels = Object.entries(entry?.parameters ?? {}).map(([name, section]) => this.addField(name, section));
     this.parameters.replaceChildren(...labels);
@@ -171,8 +182,8 @@ class ScenarioForm {
     const field = parameterField(section);
     this.fields.set(name, field);
     const title = el("span", {}, name, section.unit ? ` [${section.unit}]` : "");
-    const about = [section.description, describeRange(section)].filter(Boolean).join(" ");
-    return el("label", { class: "field" }, title, field.node, el("span", { class: "faint" }, about));
+    const about = el("span", { class: "faint" }, isolated(section.description), " ", describeRange(section));
+    return el("label", { class: "field" }, title, field.node, about);
   }
 
   /** @param {string[]} texts */
