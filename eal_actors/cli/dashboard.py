@@ -58,7 +58,7 @@ def show_dashboard(
     """
     with needs_extra("dashboard", "the dashboard needs"):
         from eal_actors.managers.network_model import is_loopback
-        from eal_actors.operate.dashboard import Access, Dashboard
+        from eal_actors.operate.dashboard import Access, Dashboard, LogTap
         from eal_actors.operate.dashboard.tokens import new_token
     handle_signals()
     config = in_real_time(read_fleet(fleet))
@@ -70,9 +70,9 @@ def show_dashboard(
         why = f"operators' tokens must not pass a network unencrypted: make a certificate with {_MAKE_CERTIFICATE}"
         raise file_error(f"{host}:{port}", why)
     require_modules(config, config.robots)
-    with Fleet(config).connect() as opened:
+    with LogTap() as log, Fleet(config).connect() as opened:
         folders = {"scenarios": scenarios or _scenarios(), "runs_dir": runs_dir, "keys": folder_of(config)}
-        page = Dashboard(opened, access, port=port, tls=tls, **folders)
+        page = Dashboard(opened, access, log=log, port=port, tls=tls, **folders)
         out = service_output()
         with foxglove_at(foxglove, opened, out, allow_control=foxglove_control), page:
             try:

@@ -17,12 +17,13 @@ from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from eal_actors.operate.dashboard.access import Access
+    from eal_actors.operate.dashboard.log_tap import LogTap
     from eal_actors.operate.dashboard.server import Dashboard
     from eal_actors.operate.dashboard.web_server import tls_context
 
-__all__ = ["Access", "Dashboard", "tls_context"]
+__all__ = ["Access", "Dashboard", "LogTap", "tls_context"]
 
-_MODULES: Final = {"Access": "access", "Dashboard": "server", "tls_context": "web_server"}
+_MODULES: Final = {"Access": "access", "Dashboard": "server", "LogTap": "log_tap", "tls_context": "web_server"}
 
 
 def __getattr__(name: str) -> Any:

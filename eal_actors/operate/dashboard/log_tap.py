@@ -18,14 +18,15 @@ _MOST_CHARACTERS: Final = 2000
 
 
 class LogTap:
-    """Copies log lines to the store, between `with` and its end.
+    """Copies log lines to a store, between `with` and its end.
 
-    Lines below the level of the terminal go to the page only. Errors of robots are also recorded in `steps`.
+    Lines below the level of the terminal go to the page only. Errors of robots are also recorded in `steps`. A program
+    enters it before it connects its fleet, so that the page shows why a robot did not start.
     """
 
-    def __init__(self, store: StateStore, steps: CurrentSteps) -> None:
-        self._store = store
-        self._steps = steps
+    def __init__(self) -> None:
+        self.store: Final = StateStore()
+        self.steps: Final = CurrentSteps()
         self._before: dict[str, Any] = {}
         self._terminal_level = LEAST_LEVEL
 
@@ -49,10 +50,10 @@ class LogTap:
         text = _to_text(event.get("event", ""))
         details = {key: _to_text(value) for key, value in event.items() if key not in _OWN_KEYS}
         about = {"level": level, "robot": robot, "resource": event.get("resource"), "text": text, "details": details}
-        self._store.append("logs", {"at": wall_time().isoformat(timespec="milliseconds"), **about})
+        self.store.append("logs", {"at": wall_time().isoformat(timespec="milliseconds"), **about})
         if isinstance(robot, str) and level in ("error", "critical"):
             reason = details.get("reason") or details.get("error")
-            self._steps.record_error(robot, f"{text}: {reason}" if reason else text)
+            self.steps.record_error(robot, f"{text}: {reason}" if reason else text)
         if logging.getLevelNamesMapping().get(level.upper(), logging.ERROR) < self._terminal_level:
             raise structlog.DropEvent
         return event

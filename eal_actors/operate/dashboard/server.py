@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ssl
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from pathlib import Path
 from typing import Any, Final, Self
 
@@ -22,7 +22,6 @@ from eal_actors.operate.dashboard.notifier import Notifier
 from eal_actors.operate.dashboard.run_manager import RunManager
 from eal_actors.operate.dashboard.session import AppState
 from eal_actors.operate.dashboard.sign_in import SignIn
-from eal_actors.operate.dashboard.state_store import CurrentSteps, StateStore
 from eal_actors.operate.dashboard.teleop import SILENCE_S, Teleop
 from eal_actors.operate.dashboard.values import ValuePoller
 from eal_actors.operate.dashboard.web_server import WebServer, listen_at
@@ -41,6 +40,7 @@ class Dashboard:
 
     Args:
         fleet: a connected fleet. Its clock must follow real time: with `rate: max` there is nothing to watch.
+        log: the log lines so far, and those to come, until its own end; None for those from the dashboard's start.
         port: the port; 0 for any free port.
         scenarios: the folder of scenarios that the page can start; None for none.
         runs_dir: the parent of the runs' folders, and the folder of the audit log; None keeps neither, and scenarios
@@ -56,6 +56,7 @@ class Dashboard:
         fleet: Fleet,
         access: Access | None = None,
         *,
+        log: LogTap | None = None,
         port: int = 0,
         scenarios: Path | None = None,
         runs_dir: Path | None = None,
@@ -69,9 +70,12 @@ class Dashboard:
         self._listener = listen_at(self.access.host, port)
         self.port: Final[int] = self._listener.getsockname()[1]
         notifier = Notifier()
-        self.store: Final = StateStore(notifier.notify)
-        context = DashboardContext(fleet, self.store, CurrentSteps(), ControlRegistry())
-        self._log_tap = LogTap(self.store, context.steps)
+        self._log: AbstractContextManager[object] = nullcontext()
+        if log is None:
+            self._log = log = LogTap()
+        self.store: Final = log.store
+        self.store.on_change = notifier.notify
+        context = DashboardContext(fleet, self.store, log.steps, ControlRegistry())
         self._cameras = Cameras(fleet, notifier.notify)
         self._teleop = Teleop(fleet, context.control)
         self._runs = RunManager(context, scenarios, runs_dir)
@@ -129,7 +133,7 @@ class Dashboard:
         with ExitStack() as stack:
             self._audit.start()
             stack.callback(self._audit.close)
-            stack.enter_context(self._log_tap)
+            stack.enter_context(self._log)
             stack.callback(self._cameras.close)
             self._poller.start()
             stack.callback(self._poller.close)

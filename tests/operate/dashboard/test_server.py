@@ -15,9 +15,11 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.operate.dashboard import Dashboard, session
+from eal_actors.kernel.log import get_logger
+from eal_actors.operate.dashboard import Dashboard, LogTap, session
 from eal_actors.operate.dashboard.state_store import MOST_LINES
 from tests.operate.dashboard.rig import WAIT_S, counting_fleet, open_dashboard, page_of, resource_of
+from tests.plugin_files import write_plugin
 
 LONG = "x" * 2000
 
@@ -160,3 +162,13 @@ def test_no_poses_are_asked_for_without_a_browser(tmp_path: Path) -> None:
         fleet.resume().get(timeout=WAIT_S)
         assert looks.wait(WAIT_S)
         assert pose.asked == asked
+
+
+def test_the_log_begins_before_the_fleet_is_connected(tmp_path: Path) -> None:
+    """Why a robot did not start was missing."""
+    write_plugin(tmp_path, "failing", "\ndef connect():\n    raise OSError('no port')\n", "Base")
+    fleet = counting_fleet(tmp_path, "one", more="  broken: {plugins: {failing: {}}}\n")
+    with LogTap() as log, fleet.connect(), open_dashboard(fleet, log=log) as dashboard, page_of(dashboard) as page:
+        page.hear_until(lambda: any("no port" in str(line) for line in page.logs))
+        get_logger(robot="one").info("begins")
+        page.hear_until(lambda: page.logs[-1]["text"] == "begins")
