@@ -32,7 +32,7 @@ _LOST: Final = ("dropped", "failed")
 _ARROW_M: Final = 0.28
 _HEADINGS: Final = 8
 """Arrows along a path."""
-_SMALL_ARROW: Final[dict[str, Any]] = {"angles": "xy", "scale": 34, "width": 0.0035, "alpha": 0.75, "zorder": 3}
+_SMALL_ARROW: Final[dict[str, Any]] = {"scale": 34, "width": 0.0035, "alpha": 0.75, "zorder": 3}
 _POINTS_PER_INCH: Final = 72
 _MAP_IN: Final = 7.5
 """The width of the map of a page."""
@@ -217,7 +217,8 @@ def _draw_arrows(axes: Axes, path: Sequence[PoseSample], colour: str) -> None:
     chosen = path[:: max(1, len(path) // _HEADINGS)]
     xs, ys = [sample.x_m for sample in chosen], [sample.y_m for sample in chosen]
     ahead = [math.cos(sample.yaw_rad) for sample in chosen], [math.sin(sample.yaw_rad) for sample in chosen]
-    axes.quiver(xs, ys, *ahead, color=colour, **_SMALL_ARROW)
+    angles = [math.degrees(sample.yaw_rad) for sample in chosen]  # `xy` divides by zero if all robots stay at 0, 0
+    axes.quiver(xs, ys, *ahead, angles=angles, color=colour, **_SMALL_ARROW)
 
 
 def _draw_heading(axes: Axes, parts: Sequence[Sequence[PoseSample]], style: _RobotStyle) -> None:

@@ -190,6 +190,14 @@ def test_the_picture_marks_robots_that_failed_or_were_dropped(tmp_path: Path) ->
     assert not np.array_equal(imread(plain), imread(lost))
 
 
+def test_robots_that_stay_at_the_origin_are_drawn_with_their_headings(tmp_path: Path) -> None:
+    east, north = tmp_path / "east.png", tmp_path / "north.png"
+    for yaw_rad, file in ((0.0, east), (math.pi / 2, north)):
+        paths = {"a": [PoseSample(time_s / 10, 0.0, 0.0, yaw_rad) for time_s in range(20)]}
+        draw_trajectory(paths, None, file, "title")
+    assert east.read_bytes() != north.read_bytes()
+
+
 def test_eight_robots_have_eight_colours_and_markers_and_a_cross_is_where_it_happened(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
