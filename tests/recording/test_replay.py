@@ -11,8 +11,10 @@ import pytest
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import NotReadyError, ResourceFaultError, RobotFailedError
 from eal_actors.managers.config import EALConfigManager
-from eal_actors.recording import RunFolder, compare_runs
+from eal_actors.recording import RunFolder, RunRecorder, compare_runs
 from eal_actors.scenario import Run, load_scenario, make_plan
+from tests.plugin_files import write_plugin
+from tests.scenario_texts import scenario_of
 
 
 def replay_fleet(run: Path, **settings: Any) -> Fleet:
@@ -55,6 +57,58 @@ def test_sensors_return_their_recorded_values(run: Path, fleet: Fleet) -> None:
 def test_another_command_than_the_recorded_one_is_refused(fleet: Fleet) -> None:
     with pytest.raises(ResourceFaultError, match=r"has 'f0\.2' as its command 1, not 'l90'"):
         fleet["roomba-1"]["Base"].send_cmd("l90").get()
+
+
+WRITER = """\
+from eal_actors.plugin import EALPlugin, Resource, ResourceType, command
+
+
+class Lamp(Resource):
+    types = ResourceType.ACTUATOR
+
+    def halt(self):
+        pass
+
+    def set_value(self, data):
+        yield 0.5
+
+    def write_comm(self, data, length):
+        return length
+
+    @command("blink")
+    def blink(self):
+        yield 0.25
+"""
+
+
+def test_values_and_bytes_are_written_as_they_were(tmp_path: Path) -> None:
+    write_plugin(tmp_path, "writer", WRITER, "Lamp")
+    steps = ("set_value: {resource: Lamp, value: 1}", "send_cmd: {resource: Lamp, cmd: blink}")
+    scenario = tmp_path / "write.yaml"
+    scenario.write_text(
+        scenario_of(*steps, "write_comm: {resource: Lamp, data: on}", "set_value: {resource: Lamp, value: 0}")
+    )
+    robots: dict[str, Any] = {"lamp": {"plugins": {"writer": {}}}}
+    keys = {"version": 1, "name": "lamps", "clock": {"rate": "max"}}
+    reports = []
+    for name, fleet_keys in (
+        ("real", {"plugin_dirs": [str(tmp_path / "plugins")], "robots": robots}),
+        ("again", {"robots": {"lamp": {"plugins": {"replay": {"record": str(tmp_path / "real")}}}}}),
+    ):
+        directory = tmp_path / name
+        directory.mkdir()
+        with Fleet(EALConfigManager.of(keys | fleet_keys).fleet).connect() as fleet:
+            recorder = RunRecorder(fleet, fleet, directory, "poses")
+            run = Run(make_plan(load_scenario(scenario), fleet), fleet, directory, [recorder.hear])
+            with recorder:
+                reports.append(run.start().get(timeout=60))
+    assert [report.outcome for report in reports] == ["done", "done"], reports[1].error
+    assert [s.end_s for s in reports[1].steps] == pytest.approx([s.end_s for s in reports[0].steps], abs=1e-6)
+    with (
+        Fleet(EALConfigManager.of(keys | fleet_keys).fleet).connect() as fleet,
+        pytest.raises(ResourceFaultError, match="has 'set_value' as its command 1, not 'blink'"),
+    ):
+        fleet["lamp"]["Lamp"].send_cmd("blink").get()
 
 
 def test_at_its_end_the_robots_are_not_ready(fleet: Fleet) -> None:
