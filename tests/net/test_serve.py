@@ -5,17 +5,19 @@ from __future__ import annotations
 import os
 import pty
 import termios
+from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
-from eal_actors import Fleet
+from eal_actors import Fleet, gather
 from eal_actors.actors.robot_view import RobotState
 from eal_actors.facade.service import RobotService
-from eal_actors.kernel.errors import DataError, ResourceFaultError, RobotFailedError
-from tests.net.links import eventually
-from tests.net.rig import WAIT_S, Rig, failure, ready
+from eal_actors.kernel.errors import DataError, ResourceFaultError, RobotFailedError, UnavailableError
+from eal_actors.wire.session import open_session, router_config
+from tests.net.links import eventually, free_port
+from tests.net.rig import WAIT_S, Rig, failure, ready, servers
 from tests.plugin_files import write_plugin
 from tests.program import eal_processes
 
@@ -56,3 +58,32 @@ def test_a_robot_that_fits_no_handshake_is_refused(tmp_path: Path) -> None:
     rig.write()
     with pytest.raises(DataError, match="r1: cannot be served: the information of its resources"):
         RobotService(rig.config, "r1").open()
+
+
+class TestBehindARouter:
+    """Two processes served one robot, and both carried out its commands."""
+
+    @pytest.fixture
+    def rig(self, tmp_path: Path) -> Iterator[Rig]:
+        """A robot behind a router whose links have a short lease."""
+        router = f"tcp/127.0.0.1:{free_port()}"
+        rig = Rig(tmp_path, network={"routers": [router], "lease_s": 0.3}, behind="router")
+        with open_session(router_config([router])):
+            yield rig
+
+    def test_a_second_process_is_refused_and_told_of_the_first(self, rig: Rig) -> None:
+        with rig.served_here() as fleet:
+            steps = [fleet["r1"]["Arm"].send_cmd(f"step{number}") for number in range(3)]
+            with pytest.raises(UnavailableError, match=rf"r1: is served already, by .*\(pid {os.getpid()}\)"):
+                RobotService(rig.config, "r1").open()
+            steps += [fleet["r1"]["Arm"].send_cmd(f"step{number}") for number in range(3, 6)]
+            assert gather(steps).get(timeout=WAIT_S) == list(range(6))
+            assert rig.steps() == [str(number) for number in range(6)]
+        with rig.served_here():
+            pass  # the first one has left
+
+    def test_the_place_of_a_process_that_was_cut_off_is_taken(self, rig: Rig) -> None:
+        with servers(rig) as running:
+            running["r1"].freeze()
+            with rig.served_here() as fleet:
+                assert fleet["r1"]["Arm"].send_cmd("step1").get(timeout=WAIT_S) == 1

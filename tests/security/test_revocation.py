@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 from eal_actors.cli.app import app
 from eal_actors.facade.fleet import Fleet
 from eal_actors.facade.service import RobotService
-from eal_actors.kernel.errors import AccessDeniedError, ConfigError
+from eal_actors.kernel.errors import AccessDeniedError, ConfigError, UnavailableError
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.operate.doctor import diagnose_fleet
 from eal_actors.operate.top.call_statistics import RecentCalls
@@ -283,6 +283,15 @@ def test_a_router_lets_a_revoked_robot_in_no_more(routed: RoutedSite) -> None:
         assert eventually(lambda: links(controller) not in (former, []))
         assert not answers(controller)
         assert list(controller.session.liveliness().get("eal/f/@alive/*/*")) == []
+
+
+def test_a_second_process_of_a_robot_is_refused_behind_a_router_too(routed: RoutedSite) -> None:
+    routed.rig.content["network"]["lease_s"] = 0.5
+    routed.rig.write()
+    with routed.serve(), pytest.raises(UnavailableError, match="r1: is served already, by"):
+        routed.serve().open()
+    with routed.serve():
+        pass
 
 
 def test_a_router_hears_of_a_revoked_robot_that_is_away(routed: RoutedSite) -> None:

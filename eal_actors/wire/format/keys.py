@@ -6,6 +6,7 @@
     eal/<fleet>/@events/<robot>                                 events of a robot
     eal/<fleet>/@streams/<robot>/<resource>/<encoding>/<rate>   values that a resource streams
     eal/<fleet>/@alive/<version>/<robot>                        liveliness token of a robot, and its protocol version
+    eal/<fleet>/@servers/<robot>/<process>/<name>               liveliness token of a process that serves it by a router
     eal/<fleet>/@heartbeats/<caller>/<client>                   heartbeat of a controller, for every robot
 
 The fleet is its name; behind a `~` follows its identity, if it has one.
@@ -69,6 +70,7 @@ ANSWERS: Final = "@answers"
 EVENTS: Final = "@events"
 STREAMS: Final = "@streams"
 ALIVE: Final = "@alive"
+SERVERS: Final = "@servers"
 HEARTBEATS: Final = "@heartbeats"
 
 _MAX_KEY: Final = 1024
@@ -151,6 +153,11 @@ def alive_key(fleet: str, robot: str | None) -> str:
     return _branch_key(fleet, ALIVE, None if robot is None else str(PROTOCOL_VERSION), robot)
 
 
+def server_key(fleet: str, robot: str, process: str | None, name: str | None) -> str:
+    """Return the key of the token of a process that serves a robot; the key expression of all such if both are None."""
+    return _branch_key(fleet, SERVERS, robot, process, name)
+
+
 def heartbeat_key(fleet: str, caller: str | None, client: str | None) -> str:
     """Return the key of a controller's heartbeats; the key expression of all of the fleet if both are None."""
     return _branch_key(fleet, HEARTBEATS, caller, client)
@@ -193,6 +200,14 @@ def parse_alive(key: str) -> tuple[str, str, int]:
     if len(kind) != 2 or kind[0] != ALIVE or not (kind[1].isascii() and kind[1].isdecimal()):
         raise ProtocolError(f"key {key!r} is not {ROOT}/<fleet>/{ALIVE}/<version>/<robot>")
     return fleet, robot, int(kind[1])
+
+
+def parse_server(key: str) -> tuple[str, str]:
+    """Return the process and its name of the key of a server's token; ProtocolError if it is no such key."""
+    chunks = _split(key)
+    if len(chunks) != 6 or (chunks[0], chunks[2]) != (ROOT, SERVERS):
+        raise ProtocolError(f"key {key!r} is not {ROOT}/<fleet>/{SERVERS}/<robot>/<process>/<name>")
+    return _decode(chunks[4], key), _decode(chunks[5], key)
 
 
 @lru_cache(maxsize=4096)

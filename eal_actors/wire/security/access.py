@@ -103,7 +103,7 @@ class _AccessRules:
     def __init__(self, fleet: FleetConfig, security: SecurityConfig) -> None:
         self._all = keys.fleet_key(fleet.network_name)
         self._rules: dict[str, list[dict[str, Any]]] = {}
-        branches = keys.ANSWERS, keys.EVENTS, keys.STREAMS, keys.ALIVE, keys.HEARTBEATS
+        branches = keys.ANSWERS, keys.EVENTS, keys.STREAMS, keys.ALIVE, keys.SERVERS, keys.HEARTBEATS
         everything = [f"{self._all}/**", *(f"{self._all}/{branch}/**" for branch in branches)]
         for name in security.routers:
             for flow in _FLOWS:
@@ -122,11 +122,14 @@ class _AccessRules:
         }
 
     def allow_robot(self, robot: str) -> None:
-        """Allow calls to a robot, and what it publishes under its own name."""
+        """Allow calls to a robot, what it publishes under its own name, and to see which processes serve it."""
         self._link(robot, "egress", (f"{robot}/**", f"{keys.HEARTBEATS}/*/*"))
         published = f"{keys.ANSWERS}/*/*/{robot}", f"{keys.EVENTS}/{robot}", f"{keys.STREAMS}/{robot}/**"
         self._link(robot, "ingress", published, (f"{keys.ANSWERS}/*/*/*", f"{keys.EVENTS}/*", f"{keys.STREAMS}/**"))
-        self._allow(robot, "ingress", _DECLARE_TOKEN, [f"{self._all}/{keys.ALIVE}/*/{robot}"])
+        servers = f"{self._all}/{keys.SERVERS}/{robot}/*/*"
+        self._allow(robot, "ingress", _DECLARE_TOKEN, [f"{self._all}/{keys.ALIVE}/*/{robot}", servers])
+        self._allow(robot, "ingress", _WATCH_TOKENS, [servers])
+        self._allow(robot, "egress", _DECLARE_TOKEN, [servers])
         self._allow(robot, "egress", _WATCH_TOKENS, [f"{self._all}/{keys.ALIVE}/*/*"])
 
     def allow_controller(self, grant: Grant, robots: Sequence[str]) -> None:

@@ -109,13 +109,15 @@ class RobotHost(EALActor):
         """Serve a started robot of this process until its server is closed. Thread: blocks the caller for a moment.
 
         `exclusive` are the resources that one controller at a time may command; every actuator if None. Raises
-        DataError if the robot has too many resources for a handshake.
+        DataError if the robot has too many resources for a handshake, and UnavailableError if another process serves it
+        behind the same router.
         """
         try:
             require_handshake([handle.info for handle in robot.values()])
         except DataError as error:
             raise error.at(robot.name) from None
         server = RobotServer(self._services, robot, self._session, exclusive)
+        server.claim()  # before any call reaches it
         with self._lock:
             self._servers = {**self._servers, robot.name: server}
         server.announce()

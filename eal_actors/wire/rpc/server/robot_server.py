@@ -48,6 +48,7 @@ from eal_actors.wire.rpc.call_arguments import check_arguments, check_request, i
 from eal_actors.wire.rpc.server.admission import Admission
 from eal_actors.wire.rpc.server.controller_memories import ControllerMemories
 from eal_actors.wire.rpc.server.outbox import ReplyBatch
+from eal_actors.wire.rpc.server.presence import Presence
 from eal_actors.wire.rpc.server.replies import Replies
 from eal_actors.wire.rpc.server.request_handler import HostServices, RequestHandler
 from eal_actors.wire.rpc.server.running_commands import ReplyTo, RunningCommands, ServedCommand
@@ -76,7 +77,6 @@ class RobotServer:
         self._handles: dict[str, ResourceHandle] = {}  # of a robot of this process, which keeps its resources
         self._clock = robot.clock
         self._second = robot.clock.of_real(1.0)
-        self._session = session
         self._outbox = host.outbox
         self._rights = encode_rights(host.network.security, robot.name)
         self._era = secrets.token_hex(4)
@@ -92,7 +92,7 @@ class RobotServer:
         self._handler = RequestHandler(
             host, robot, self._admission, self._running, self._publisher, self._memories, self._publish
         )
-        self._token: zenoh.LivelinessToken | None = None
+        self._presence = Presence(session, host.fleet, robot.name, host.process, host.network.lease_s)
         self._unlogged_stop: str | None = None
         self._ended = new_waiter()
         self._is_closed = self._has_failed = False
@@ -102,15 +102,18 @@ class RobotServer:
 
     # Life.
 
+    def claim(self) -> None:
+        """Become the only process that serves the robot; UnavailableError if another one does. See `Presence.claim`."""
+        self._presence.claim()
+
     def announce(self) -> None:
         """Declare the robot's liveliness token. Thread: blocks the caller for a moment."""
-        self._token = self._session.liveliness().declare_token(keys.alive_key(self._host.fleet, self._robot.name))
+        self._presence.announce()
 
     def move_to(self, session: zenoh.Session) -> None:
         """Continue on another session, after the earlier one was closed. Thread: blocks the caller for a moment."""
-        self._session = session
         self._publisher.move_to(session)
-        self.announce()
+        self._presence.move_to(session)
 
     def expel(self, caller: str) -> None:
         """Disconnect every controller with a revoked certificate, and halt what they moved. Thread: the host's."""
@@ -120,9 +123,7 @@ class RobotServer:
 
     def close(self) -> None:
         """Withdraw the robot from the network. Thread: blocks the caller, for a bounded time."""
-        token, self._token = self._token, None
-        if token is not None and not self._session.is_closed():
-            token.undeclare()  # type: ignore[no-untyped-call]  # untyped in zenoh's stubs
+        self._presence.withdraw()
         self._host.remove(self._robot.name)
         self._publisher.close()
         self._memories.close()

@@ -107,6 +107,7 @@ def test_what_is_told_stands_apart_from_calls(fleet: str, robot: str, resource: 
     told = {
         keys.alive_key(fleet, robot): keys.alive_key(fleet, None),
         keys.event_key(fleet, robot): keys.event_key(fleet, None),
+        keys.server_key(fleet, robot, "a1", "anna@pc (pid 7)"): keys.server_key(fleet, robot, None, None),
         keys.heartbeat_key(fleet, robot, CLIENT): keys.heartbeat_key(fleet, None, None),
         keys.stream_key(fleet, robot, resource, "raw", "12.5"): None,
     }
@@ -135,7 +136,16 @@ def test_a_heartbeat_names_its_sender() -> None:
             keys.parse_heartbeat(key)
 
 
-@pytest.mark.parametrize("parse", [keys.parse_route, keys.parse_heartbeat])
+def test_a_server_s_token_names_its_process() -> None:
+    key = keys.server_key("my lab", "r1", "a1", "anna@pc (pid 7)")
+    assert key == "eal/my%20lab/@servers/r1/a1/anna%40pc%20%28pid%207%29"
+    assert keys.parse_server(key) == ("a1", "anna@pc (pid 7)")
+    for key in ("eal/f/@servers/r1/a1", "eal/f/@servers/r1/a1/b/c", "eal/f/@events/r1/a1/b", "x/f/@servers/r1/a1/b"):
+        with pytest.raises(ProtocolError, match="is not eal/<fleet>/@servers/<robot>/<process>/<name>"):
+            keys.parse_server(key)
+
+
+@pytest.mark.parametrize("parse", [keys.parse_route, keys.parse_heartbeat, keys.parse_server])
 def test_a_long_key_is_not_read(parse: Callable[[str], object]) -> None:
     with pytest.raises(ProtocolError, match="a key of 1025 characters, more than 1024"):
         parse("x" * 1025)

@@ -1,0 +1,86 @@
+"""Presence: the liveliness tokens of a served robot, and the check that only one process serves it.
+
+Where a process listens itself, its port refuses a second one. Behind a router, each declares a token of its own, then
+looks for those of others: so of two that start together, each sees the other's. The token of a process that was cut
+off stays until its link's lease has passed, so one that meets another one's token waits that long before it gives up.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from eal_actors.actors.robot_view import process_name
+from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.errors import UnavailableError
+from eal_actors.wire.format import keys
+
+if TYPE_CHECKING:
+    import zenoh
+
+_LOOK_S: Final = 0.1
+_ANSWER_S: Final = 1.0
+"""Real seconds to wait for the router, since one of an older release with access control answers nothing."""
+_LATE_S: Final = 1.0
+"""Real seconds beyond a lease until its end is known here."""
+_MAX_NAME: Final = 100
+
+
+class Presence:
+    """The tokens of one robot, which a process serves; `lease_s` is that of its links.
+
+    Thread: one at a time; each method blocks for a moment.
+    """
+
+    def __init__(self, session: zenoh.Session, fleet: str, robot: str, process: str, lease_s: float) -> None:
+        self._session = session
+        self._fleet = fleet
+        self._robot = robot
+        self._process = process
+        self._lease_s = lease_s
+        self._tokens: dict[str, zenoh.LivelinessToken] = {}
+
+    def claim(self) -> None:
+        """Become the only process that serves the robot; call `announce` next.
+
+        Raises UnavailableError, with the names of the others, if others serve it for longer than a lease. Thread:
+        blocks the caller for that long if there is another.
+        """
+        if not self._session.info.routers_zid():
+            return
+        self._declare(keys.server_key(self._fleet, self._robot, self._process, process_name()[:_MAX_NAME]))
+        end_s = REAL_TIME.now() + self._lease_s + _LATE_S
+        while others := self._others():
+            if REAL_TIME.now() > end_s:
+                self.withdraw()
+                error = UnavailableError(f"is served already, by {' and '.join(others)}", robot=self._robot)
+                error.add_note("End that process first, or serve this robot under a name of its own.")
+                raise error
+            REAL_TIME.sleep(_LOOK_S)
+
+    def announce(self) -> None:
+        """Declare the robot's token, by which controllers find it."""
+        self._declare(keys.alive_key(self._fleet, self._robot))
+
+    def move_to(self, session: zenoh.Session) -> None:
+        """Declare the same tokens on another session, after the earlier one was closed."""
+        self._session = session
+        declared, self._tokens = self._tokens, {}
+        for key in declared:
+            self._declare(key)
+
+    def withdraw(self) -> None:
+        """Undeclare the tokens, unless the session is closed."""
+        tokens, self._tokens = self._tokens, {}
+        if not self._session.is_closed():
+            for token in reversed(tokens.values()):
+                token.undeclare()  # type: ignore[no-untyped-call]  # untyped in zenoh's stubs
+
+    def _declare(self, key: str) -> None:
+        self._tokens[key] = self._session.liveliness().declare_token(key)
+
+    def _others(self) -> list[str]:
+        """Return the names of the other processes that serve the robot."""
+        wanted = keys.server_key(self._fleet, self._robot, None, None)
+        replies = self._session.liveliness().get(wanted, timeout=_ANSWER_S)
+        found = [keys.parse_server(str(reply.ok.key_expr)) for reply in replies if reply.ok is not None]
+        return sorted(name for process, name in found if process != self._process)
