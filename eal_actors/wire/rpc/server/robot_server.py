@@ -48,10 +48,10 @@ from eal_actors.wire.rpc.call_arguments import check_arguments, check_request, i
 from eal_actors.wire.rpc.server.admission import Admission
 from eal_actors.wire.rpc.server.controller_memories import ControllerMemories
 from eal_actors.wire.rpc.server.outbox import ReplyBatch
-from eal_actors.wire.rpc.server.presence import Presence
 from eal_actors.wire.rpc.server.replies import Replies
 from eal_actors.wire.rpc.server.request_handler import HostServices, RequestHandler
 from eal_actors.wire.rpc.server.running_commands import ReplyTo, RunningCommands, ServedCommand
+from eal_actors.wire.rpc.server.server_tokens import ServerTokens
 from eal_actors.wire.security.access import Rights, encode_rights
 from eal_actors.wire.streams.publisher import StreamPublisher
 
@@ -92,7 +92,7 @@ class RobotServer:
         self._handler = RequestHandler(
             host, robot, self._admission, self._running, self._publisher, self._memories, self._publish
         )
-        self._presence = Presence(session, host.fleet, robot.name, host.process, host.network.lease_s)
+        self._tokens = ServerTokens(session, host.fleet, robot.name, host.process, host.network.lease_s)
         self._unlogged_stop: str | None = None
         self._ended = new_waiter()
         self._is_closed = self._has_failed = False
@@ -103,17 +103,17 @@ class RobotServer:
     # Life.
 
     def claim(self) -> None:
-        """Become the only process that serves the robot; UnavailableError if another one does. See `Presence.claim`."""
-        self._presence.claim()
+        """Become the only process that serves the robot, or raise UnavailableError; see `ServerTokens.claim`."""
+        self._tokens.claim()
 
     def announce(self) -> None:
         """Declare the robot's liveliness token. Thread: blocks the caller for a moment."""
-        self._presence.announce()
+        self._tokens.announce()
 
     def move_to(self, session: zenoh.Session) -> None:
         """Continue on another session, after the earlier one was closed. Thread: blocks the caller for a moment."""
         self._publisher.move_to(session)
-        self._presence.move_to(session)
+        self._tokens.move_to(session)
 
     def expel(self, caller: str) -> None:
         """Disconnect every controller with a revoked certificate, and halt what they moved. Thread: the host's."""
@@ -123,7 +123,7 @@ class RobotServer:
 
     def close(self) -> None:
         """Withdraw the robot from the network. Thread: blocks the caller, for a bounded time."""
-        self._presence.withdraw()
+        self._tokens.withdraw()
         self._host.remove(self._robot.name)
         self._publisher.close()
         self._memories.close()

@@ -1,4 +1,4 @@
-"""Presence: the liveliness tokens of a served robot, and the check that only one process serves it.
+"""ServerTokens: the liveliness tokens of a served robot, and the check that only one process serves it.
 
 Where a process listens itself, its port refuses a second one. Behind a router, each declares a token of its own, then
 looks for those of others: so of two that start together, each sees the other's. The token of a process that was cut
@@ -25,7 +25,7 @@ _LATE_S: Final = 1.0
 _MAX_NAME: Final = 100
 
 
-class Presence:
+class ServerTokens:
     """The tokens of one robot, which a process serves; `lease_s` is that of its links.
 
     Thread: one at a time; each method blocks for a moment.
