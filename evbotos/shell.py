@@ -29,11 +29,14 @@ def _guarded() -> Iterator[Callable[[], None]]:
 
     def start() -> None:
         os.setpgid(0, 0)
+        # `pkill evbotos` means the builder, whose name the waiting process has too.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP, signal.SIGINT, signal.SIGTERM})
         if os.fork() == 0:
             os.dup2(alive, 0)
             os.closerange(1, os.sysconf("SC_OPEN_MAX"))
             os.read(0, 1)
             os.killpg(0, signal.SIGKILL)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     try:
         yield start

@@ -5,8 +5,10 @@ import select
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
+import psutil
 import pytest
 
 import evbotos.steps as steps_module
@@ -90,14 +92,29 @@ def test_a_killed_build_leaves_nothing_that_counts(tmp_path: Path) -> None:
     assert outcome.read_text() == "whole"
 
 
-def test_what_a_program_has_started_ends_with_a_killed_build(tmp_path: Path) -> None:
+def kill(builder: psutil.Process) -> None:
+    builder.kill()
+
+
+def terminate_by_name(builder: psutil.Process) -> None:
+    """Like `pkill -f`."""
+    named = [one for one in builder.children(recursive=True) if one.cmdline() == builder.cmdline()]
+    assert named, "the guard has another name"
+    for process in (*named, builder):
+        process.terminate()
+
+
+@pytest.mark.parametrize("end", [kill, terminate_by_name])
+def test_what_a_program_has_started_ends_with_a_killed_build(
+    tmp_path: Path, end: Callable[[psutil.Process], None]
+) -> None:
     os.mkfifo(tmp_path / "alive")
     inner = f"exec 3>{tmp_path}/alive; echo started >&3; exec sleep 1000"
     program = f"from evbotos.shell import run\nrun(['sh', '-c', 'sh -c \"{inner}\" & wait'])\n"
     builder = subprocess.Popen([sys.executable, "-c", program])
     with (tmp_path / "alive").open("rb", buffering=0) as alive:
         assert alive.readline() == b"started\n"
-        builder.kill()
+        end(psutil.Process(builder.pid))
         builder.wait()
         assert select.select([alive], [], [], 60)[0], "the started program runs on"
         assert alive.read() == b""
