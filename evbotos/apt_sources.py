@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -61,6 +62,14 @@ def sources_for(suite: str, mirror: str | None, folder: Path = APT, components: 
         raise BuildError(f"apt on this machine has no source of Debian's {suite}; name one as `mirror` in local.yaml")
     more = [replace(one, components=tuple(dict.fromkeys((*one.components, *components)))) for one in found]
     return list(dict.fromkeys(more))
+
+
+def newer_sources(sources: Iterable[Source], suite: str) -> list[Source]:
+    """Return the sources of a newer suite: the same archives, and its backports if the suite is called so."""
+    release = suite.removesuffix("-backports")
+    found = [replace(one, suite=re.sub("^[a-z]+", release, one.suite)) for one in sources]
+    backports = [replace(one, suite=suite) for one in found if one.suite == release != suite]
+    return found + backports
 
 
 def _configured(folder: Path) -> Iterator[Source]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Final
 
@@ -31,7 +31,7 @@ from evbotos import (
     u_boot,
     verity,
 )
-from evbotos.apt_sources import sources_for
+from evbotos.apt_sources import newer_sources, sources_for
 from evbotos.errors import BuildError
 from evbotos.fields import overlay_file
 from evbotos.hashing import file_sha256, files_sha256, key_of
@@ -155,17 +155,24 @@ class Build:
         if taken_mb > budget_mb:
             self._warn(f"root and kernel take {taken_mb:.1f} MB, over the budget of {budget_mb:g} MB")
 
-    def _apt(self, architecture: str) -> Apt:
-        sources = sources_for(self._platform.suite, self._local.mirror, components=self._platform.components)
-        folder = self._cache / "apt" / f"{self._platform.suite}-{architecture}"
-        return Apt(folder, architecture, sources, self._warn)
+    def _apt(self, suite: str) -> Apt:
+        platform = self._platform
+        sources = sources_for(platform.suite, self._local.mirror, components=platform.components)
+        if suite != platform.suite:
+            sources = newer_sources(sources, suite)
+        return Apt(self._cache / "apt" / f"{suite}-{platform.architecture}", platform.architecture, sources, self._warn)
+
+    def _debs(self, packages: Iterable[LockedPackage]) -> list[Path]:
+        return self._apt(self._platform.suite).fetch(packages, self._cache / "debs")  # all suites are in one archive
 
     def _lock(self, update: bool) -> Lock:
         if not update:
             return require_lock(self._lock_file, self._platform, self._image)
         self._tell("lock: resolving the current versions")
-        apt, old = self._apt(self._platform.architecture), read_lock(self._lock_file)
-        return lock_present_versions(self._platform, self._image, apt, old, self._lock_file)
+        platform, old = self._platform, read_lock(self._lock_file)
+        apt = self._apt(platform.suite)
+        board_apt = apt if platform.board_suite == platform.suite else self._apt(platform.board_suite)
+        return lock_present_versions(platform, self._image, apt, board_apt, old, self._lock_file)
 
     @property
     def _is_packaged(self) -> bool:
@@ -173,19 +180,17 @@ class Build:
 
     def _fetch(self, lock: Lock) -> tuple[list[Path], list[Path]]:
         left_out = set(self._image.drop_packages)
-        wanted = [package for package in lock.packages if package.name not in left_out]
-        debs = self._apt(self._platform.architecture).fetch(wanted, self._cache / "debs")
+        debs = self._debs(package for package in lock.packages if package.name not in left_out)
         wheels = fetch_wheels(self._platform, lock.wheels, self._cache / "wheels")
         if lock.compiled:
             wheels += sorted(self.runner.run(self._compile_step(lock)).iterdir())
         return debs, wheels
 
     def _compile_step(self, lock: Lock) -> Step:
-        kept = self._cache / "debs"
         inputs = [[one.sha256 for one in lock.build_packages], [one.model_dump() for one in lock.compiled], lock.epoch]
 
         def make(out: Path) -> None:
-            debs = self._apt(self._platform.architecture).fetch(lock.build_packages, kept)
+            debs = self._debs(lock.build_packages)
             files = compiled_wheels.fetch_sources(lock.compiled, self._cache / "wheels")
             sources = list(zip(lock.compiled, files, strict=True))
             compiled_wheels.compile_wheels(self._platform, sources, debs, out, lock.epoch)
@@ -196,7 +201,7 @@ class Build:
         wanted = self._platform.kernel
 
         def make(out: Path) -> None:
-            package = self._apt(self._platform.architecture).fetch([lock.kernel], self._cache / "debs")[0]
+            (package,) = self._debs([lock.kernel])
             if isinstance(wanted, PackagedKernel):
                 packaged_kernel.unpack_kernel(package, wanted, out)
             else:
@@ -303,12 +308,14 @@ class Build:
         platform = self._platform
         wanted = [package for package in lock.build_packages if package.name in platform.boot_files]
         trees = [Path(name).name for name in platform.kernel.device_trees]
-        inputs = [kernel_folder.name, [one.sha256 for one in wanted], platform.boot_files, platform.boot_texts, trees]
+        overlaid = [(name, file_sha256(overlay_file(name))) for name in platform.firmware_overlays]
+        files = [platform.boot_files, platform.boot_texts, trees, overlaid]
+        inputs = [kernel_folder.name, [one.sha256 for one in wanted], *files]
 
         def make(out: Path) -> None:
             u_boot.write_board_files(platform, self._boot_packages(wanted), kernel_folder, out)
 
-        return Step("board", key_of(inputs, u_boot), make)
+        return Step("board", key_of(inputs, u_boot, overlays), make)
 
     def _grub_step(self, lock: Lock) -> Step:
         wanted = [package for package in lock.build_packages if package.name in self._platform.disk_packages]
@@ -336,8 +343,7 @@ class Build:
         return Step("emulator", key_of([kernel_folder.name, [one.sha256 for one in wanted], told], qemu, u_boot), make)
 
     def _boot_packages(self, wanted: list[LockedPackage]) -> dict[str, Path]:
-        debs = self._apt(self._platform.architecture).fetch(wanted, self._cache / "debs")
-        return {package.name: deb for package, deb in zip(wanted, debs, strict=True)}
+        return {package.name: deb for package, deb in zip(wanted, self._debs(wanted), strict=True)}
 
     def _disk_step(
         self, lock: Lock, verified: Path, kernel_folder: Path, board: Path | None, images: Path | None
@@ -373,18 +379,15 @@ class Build:
 
     def _bill_step(self, lock: Lock, debs: list[Path], wheels: list[Path]) -> Step:
         platform, left_out = self._platform, set(self._image.drop_packages)
-        on_disk = set(platform.disk_packages)
-        loaders = [package for package in lock.build_packages if package.name in on_disk]
+        loaders = [package for package in lock.build_packages if package.name in platform.disk_packages]
         names = [package.name for package in lock.packages if package.name not in left_out]
-        about = platform.architecture, platform.suite
-        inputs = [lock.model_dump(mode="json"), sorted(left_out), sorted(on_disk), *about]
+        inputs = [lock.model_dump(mode="json"), sorted(left_out), platform.model_dump(mode="json")]
 
         def make(out: Path) -> None:
             files = {**dict(zip(names, debs, strict=True)), **self._boot_packages(loaders)}
             origins = licences.with_shared({name: licences.debian_origin(deb) for name, deb in files.items()})
             origins |= {licences.wheel_name(wheel): licences.wheel_origin(wheel) for wheel in wheels}
-            bill = sbom.bill_of_materials(lock, left_out, on_disk, *about, origins)
-            out.write_text(bill)
+            out.write_text(sbom.bill_of_materials(lock, left_out, platform, origins))
 
         return Step("bill", key_of(inputs, sbom, licences), make)
 

@@ -77,7 +77,7 @@ def needed_for(platform: Platform) -> list[str]:
     tools += {"grub": _GRUB, "u-boot": _U_BOOT, "none": ()}[platform.loader]
     if platform.emulator is not None and platform.emulator.lacks:
         tools.append("fdtput")
-    if platform.overlays:
+    if platform.overlays or platform.firmware_overlays:
         tools += _OVERLAYS
     if isinstance(platform.kernel, Kernel):
         tools += _KERNEL

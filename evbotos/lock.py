@@ -84,6 +84,7 @@ def asked_by(platform: Platform, image: Image) -> str:
     }
     compiled = {name: list(by) for name, by in platform.compiled_wheels.items() if name in image.wheels}
     further: dict[str, object] = {"compiled": compiled, "boot_files": list(platform.boot_packages)}
+    further["board_suite"] = platform.board_suite if platform.board_suite != platform.suite else ""
     wanted.update({key: value for key, value in further.items() if value})
     return hashlib.sha256(json.dumps(wanted, sort_keys=True).encode()).hexdigest()
 

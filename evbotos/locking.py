@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
@@ -18,13 +19,16 @@ from evbotos.wheels import provided_by, resolve_wheels
 _KERNEL_IMAGE: Final = re.compile(r"linux-image-\d")
 
 
-def lock_present_versions(platform: Platform, image: Image, apt: Apt, old: Lock | None, path: Path) -> Lock:
+def lock_present_versions(
+    platform: Platform, image: Image, apt: Apt, board_apt: Apt, old: Lock | None, path: Path
+) -> Lock:
     """Return a lock of the current versions and write it; return the old lock if nothing changed.
 
     Args:
         platform: the board.
         image: the image definition.
         apt: the apt instance for the platform's architecture.
+        board_apt: that of its `board_suite`, which may be the same.
         old: the previous lock.
         path: the lock file.
 
@@ -32,7 +36,9 @@ def lock_present_versions(platform: Platform, image: Image, apt: Apt, old: Lock 
         BuildError: a package is unavailable, or versions conflict.
     """
     apt.update()
-    packages = apt.resolve(packages_of(platform, image))
+    if board_apt is not apt:
+        board_apt.update()
+    packages = _root_packages(platform, image, apt, board_apt)
     wheels = resolve_wheels(platform, wheels_of(platform, image), provided_by(package.name for package in packages))
     sources = resolve_sources(platform, compiled_of(platform, image))
     new = Lock(
@@ -41,16 +47,22 @@ def lock_present_versions(platform: Platform, image: Image, apt: Apt, old: Lock 
         image=image.name,
         asked=asked_by(platform, image),
         epoch=int(wall_time().timestamp()),
-        kernel=_kernel_package(platform, apt),
-        packages=tuple(packages),
+        kernel=_kernel_package(platform, board_apt),
+        packages=packages,
         wheels=tuple(wheels),
         compiled=tuple(sources),
-        build_packages=_build_packages(platform, apt, has_sysroot=bool(sources)),
+        build_packages=_build_packages(platform, apt, board_apt, has_sysroot=bool(sources)),
     )
     if old is not None and old == new.model_copy(update={"epoch": old.epoch}):
         return old
     write_lock(new, path)
     return new
+
+
+def _root_packages(platform: Platform, image: Image, apt: Apt, board_apt: Apt) -> tuple[LockedPackage, ...]:
+    found = {package.name: package for package in apt.resolve(packages_of(platform, image))}
+    found |= _by_name(board_apt, (name for name in platform.firmware if name in found))
+    return tuple(found.values())
 
 
 def _kernel_package(platform: Platform, apt: Apt) -> LockedPackage:
@@ -63,9 +75,13 @@ def _kernel_package(platform: Platform, apt: Apt) -> LockedPackage:
     raise BuildError(f"{origin} provides no kernel")
 
 
-def _build_packages(platform: Platform, apt: Apt, *, has_sysroot: bool) -> tuple[LockedPackage, ...]:
+def _build_packages(platform: Platform, apt: Apt, board_apt: Apt, *, has_sysroot: bool) -> tuple[LockedPackage, ...]:
     """Return the build inputs outside the root."""
     found = {package.name: package for package in apt.resolve(SYSROOT)} if has_sysroot else {}
-    for name in platform.boot_packages:
-        found |= {package.name: package for package in apt.resolve([name]) if package.name == name}
+    found |= _by_name(board_apt, platform.boot_packages)
     return tuple(found[name] for name in sorted(found))
+
+
+def _by_name(apt: Apt, names: Iterable[str]) -> dict[str, LockedPackage]:
+    """Return packages without their dependencies."""
+    return {package.name: package for name in names for package in apt.resolve([name]) if package.name == name}

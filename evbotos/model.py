@@ -167,6 +167,8 @@ class Platform(StrictModel):
     architecture: Architecture
     suite: Literal["bookworm"] = "bookworm"
     """Of Debian: the images need its Python 3.11."""
+    board_suite: Literal["bookworm", "trixie-backports"] = "bookworm"
+    """Debian's suite of the kernel, the boot files and firmware: a new board needs newer ones than the root."""
     wheel_tags: Texts
     """The tags of compatible Python wheels, best first."""
     floor: Text
@@ -192,6 +194,8 @@ class Platform(StrictModel):
     """The Wi-Fi of the board itself; None if it has none."""
     overlays: Overlays = ()
     """Device tree overlays: files of `evbotos/overlays/` or others; later ones override earlier ones."""
+    firmware_overlays: Overlays = ()
+    """Overlays that the board's firmware applies where it finds fit: `overlays/NAME.dtbo` on the boot partition."""
     emulator: Emulator | None = None
 
     @field_validator("wheel_tags", "kernel", "boot", "emulator")
@@ -230,6 +234,11 @@ class Platform(StrictModel):
         """Debian packages with boot files on the disk: GRUB, or U-Boot and its loaders."""
         pc = (GRUB_PACKAGE, GRUB_EFI_PACKAGE) if self.architecture == "amd64" else (GRUB_PACKAGE,)
         return {"grub": pc, "u-boot": tuple(self.boot_files), "none": ()}[self.loader]
+
+    @property
+    def firmware(self) -> tuple[str, ...]:
+        """Debian packages with firmware of the board, for images that need it."""
+        return self.wifi.packages if self.wifi is not None else ()
 
     @property
     def boot_packages(self) -> tuple[str, ...]:

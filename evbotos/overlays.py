@@ -17,6 +17,19 @@ from evbotos.hosttools import tool
 from evbotos.shell import run
 
 
+def compile_overlay(name: str, out: Path) -> None:
+    """Compile an overlay.
+
+    Args:
+        name: see `overlay_file`.
+        out: the new file.
+
+    Raises:
+        BuildError: it is malformed.
+    """
+    run([tool("dtc"), "-q", "-@", "-I", "dts", "-O", "dtb", "-o", out, overlay_file(name)])
+
+
 def write_trees(kernel_folder: Path, trees: Sequence[str], overlays: Sequence[str], out: Path) -> None:
     """Copy the folder of a kernel, and apply overlays to its device trees.
 
@@ -35,7 +48,7 @@ def write_trees(kernel_folder: Path, trees: Sequence[str], overlays: Sequence[st
     with TemporaryDirectory() as folder:
         for number, name in enumerate(overlays):
             compiled = Path(folder) / f"{number}.dtbo"
-            run([tool("dtc"), "-q", "-@", "-I", "dts", "-O", "dtb", "-o", compiled, overlay_file(name)])
+            compile_overlay(name, compiled)
             for tree in trees:
                 try:
                     run([tool("fdtoverlay"), "-i", out / tree, "-o", out / tree, compiled])

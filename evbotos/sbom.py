@@ -20,23 +20,20 @@ from packaging.utils import canonicalize_name
 import eal_actors
 from evbotos.licences import Origin
 from evbotos.lock import Lock, LockedPackage, LockedSource, LockedWheel
+from evbotos.model import Platform
 
 _LINUX: Final = Origin("linux", "", ("GPL-2.0-only WITH Linux-syscall-note",))
 """The kernel, by the file COPYING of its source."""
 _OWN: Final = Origin("eal-actors", eal_actors.__version__, ("Apache-2.0",))
 
 
-def bill_of_materials(
-    lock: Lock, left_out: set[str], on_disk: set[str], architecture: str, suite: str, origins: Mapping[str, Origin]
-) -> str:
+def bill_of_materials(lock: Lock, left_out: set[str], platform: Platform, origins: Mapping[str, Origin]) -> str:
     """Return the bill of materials of an image.
 
     Args:
         lock: the image's lock.
         left_out: packages that are not unpacked.
-        on_disk: packages with boot files, such as U-Boot.
-        architecture: Debian's name of the architecture.
-        suite: Debian's name of the release.
+        platform: the board.
         origins: licences and sources by package or file.
     """
     name = f"evbotos-{lock.platform}-{lock.image}"
@@ -46,12 +43,14 @@ def bill_of_materials(
     own = Component(name="eal-actors", version=eal_actors.__version__, bom_ref="eal-actors")
     own.licenses.update(_licences(_OWN))
     bom.components.add(own)
-    loaders = [package for package in lock.build_packages if package.name in on_disk]
-    place = {"arch": architecture, "distro": suite}
-    bom.components.add(_debian(lock.kernel, _LINUX, place))
+    arch = {"arch": platform.architecture}
+    board, root = arch | {"distro": platform.board_suite}, arch | {"distro": platform.suite}
+    bom.components.add(_debian(lock.kernel, _LINUX, board))
+    loaders = [package for package in lock.build_packages if package.name in platform.disk_packages]
     for package in (*lock.packages, *loaders):
         if package.name not in left_out:
-            bom.components.add(_debian(package, origins.get(package.name), place))
+            is_of_board = package.name in (*platform.disk_packages, *platform.firmware)
+            bom.components.add(_debian(package, origins.get(package.name), board if is_of_board else root))
     wheels: tuple[LockedWheel | LockedSource, ...] = (*lock.wheels, *lock.compiled)
     for wheel in wheels:
         bom.components.add(_wheel(wheel, origins.get(canonicalize_name(wheel.name))))

@@ -12,11 +12,14 @@ from evbotos import slots
 from evbotos.errors import BuildError
 from evbotos.hosttools import tool
 from evbotos.model import Kernel, Platform
+from evbotos.overlays import compile_overlay
 from evbotos.shell import run
 from evbotos.verity import kernel_words
 
 SCRIPT: Final = "boot.scr"
 """U-Boot searches every bootable partition for this file."""
+OVERLAYS: Final = "overlays"
+"""The folder of the boot partition in which a Raspberry Pi's firmware looks for overlays."""
 _START: Final = {
     "arm": ("${kernel_addr_r}", "bootz ${kernel_addr_r} - ${tree}"),
     # A 64-bit kernel does not unpack itself.
@@ -101,16 +104,16 @@ def compile_script(text: str, epoch: int) -> bytes:
 
 
 def write_board_files(platform: Platform, packages: Mapping[str, Path], kernel_folder: Path, out: Path) -> None:
-    """Fill a folder with a board's boot files except kernels: U-Boot, its loaders, device trees.
+    """Fill a folder with a board's boot files except kernels: U-Boot, its loaders, device trees and their overlays.
 
     Args:
-        platform: the platform with `boot_files` and `boot_texts`.
+        platform: the platform.
         packages: the package files of `boot_files` by name.
         kernel_folder: a folder with the kernel's device trees.
         out: the output folder, created here.
 
     Raises:
-        BuildError: a package lacks a file.
+        BuildError: a package lacks a file, or an overlay is malformed.
     """
     out.mkdir(parents=True)
     for name, files in platform.boot_files.items():
@@ -120,6 +123,9 @@ def write_board_files(platform: Platform, packages: Mapping[str, Path], kernel_f
         (out / target).write_text(text)
     for tree in platform.kernel.device_trees:
         shutil.copy(kernel_folder / Path(tree).name, out / Path(tree).name)
+    for name in platform.firmware_overlays:
+        (out / OVERLAYS).mkdir(exist_ok=True)
+        compile_overlay(name, out / OVERLAYS / f"{Path(name).stem}.dtbo")
 
 
 def read_files(package: Path, name: str, sources: Iterable[str]) -> list[bytes]:

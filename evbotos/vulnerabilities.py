@@ -19,6 +19,8 @@ from packaging.version import InvalidVersion, Version
 
 from evbotos.errors import BuildError
 
+_UNSTABLE: Final = "sid"
+"""The release whose versions backports have; Debian tracks none for them."""
 _OSV_SUITES: Final = {"Debian:11": "bullseye", "Debian:12": "bookworm", "Debian:13": "trixie"}
 UNIMPORTANT: Final = "unimportant"
 """Debian's word for what is no danger in its packages."""
@@ -126,7 +128,7 @@ def _tracker(content: dict[str, Any], by_source: _BySource) -> Iterator[Finding]
     for (source, is_debian), components in by_source.items():
         for identifier, issue in content.get(source, {}).items() if is_debian else ():
             for component in components:
-                told = issue["releases"].get(component.suite)
+                told = issue["releases"].get(_UNSTABLE if component.suite.endswith("-backports") else component.suite)
                 if told is None:
                     continue
                 fixed = str(told.get("fixed_version", "")) if told["status"] == "resolved" else ""

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from evbotos.apt_sources import Source, sources_for
+from evbotos.apt_sources import Source, newer_sources, sources_for
 from evbotos.errors import BuildError
 
 DEB822 = """Types: deb
@@ -52,6 +52,17 @@ def test_both_forms_of_apts_configuration_are_read(tmp_path: Path) -> None:
 def test_what_others_offer_is_not_debians(tmp_path: Path) -> None:
     with pytest.raises(BuildError, match="no source of Debian's bookworm; name one as `mirror`"):
         sources_for("bookworm", None, folder(tmp_path, a_list="deb http://tools.example/apt tools-bookworm main\n"))
+
+
+def test_a_newer_suite_comes_from_the_same_archives(tmp_path: Path) -> None:
+    found = newer_sources(sources_for("bookworm", None, folder(tmp_path, a_sources=DEB822)), "trixie-backports")
+    assert [(source.uri, source.suite) for source in found] == [
+        ("http://one.example/debian", "trixie"),
+        ("http://one.example/debian", "trixie-updates"),
+        ("http://one.example/debian-security", "trixie-security"),
+        ("http://one.example/debian", "trixie-backports"),
+    ]
+    assert {source.signed_by for source in found} == {"/usr/share/keyrings/a.gpg"}
 
 
 def test_the_users_mirror_is_the_only_source(tmp_path: Path) -> None:

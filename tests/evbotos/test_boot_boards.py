@@ -27,7 +27,7 @@ from tests.evbotos.proofs import RESETS_NOT, prove_square, prove_stick, prove_up
 from tests.evbotos.refusals import prove_refusal
 from tests.evbotos.test_buses import AS_USER, does
 
-BOARDS = ("beagle-armhf", "pc104-i686", "qemu-arm64", "raspberry-pi")
+BOARDS = ("beagle-armhf", "pc104-i686", "qemu-arm64", "raspberry-pi", "raspberry-pi-5")
 SEED = 7
 CUTS = 12
 SET_CHANNEL = """

@@ -183,7 +183,7 @@ def test_an_image_adds_drivers_to_the_kernel_of_its_platform() -> None:
 
 def test_a_real_time_task_preempts_the_unpacking_of_the_root_on_every_board() -> None:
     kernels = [platform.kernel for platform in load_definitions().platforms.values()]
-    assert len(kernels) == 5
+    assert len(kernels) == 6
     for kernel in kernels:
         assert isinstance(kernel, Kernel)
         options = fragments_text(kernel).splitlines()
@@ -218,6 +218,7 @@ def test_an_image_is_for_its_architectures_and_so_is_what_builds_on_it(folder: P
 
 def test_the_shipped_definitions_name_every_platform_and_image() -> None:
     found = load_definitions()
-    assert set(found.platforms) == {"beagle-armhf", "pc104-i686", "qemu-amd64", "qemu-arm64", "raspberry-pi"}
+    boards = {"beagle-armhf", "pc104-i686", "raspberry-pi", "raspberry-pi-5"}
+    assert set(found.platforms) == {*boards, "qemu-amd64", "qemu-arm64"}
     assert set(found.images) == {"dev", "minimal", "octave", "octave-robot", "robot", "vision", "wireless"}
     assert set(found.image("minimal").packages) < set(found.image("octave").packages)

@@ -117,6 +117,7 @@ def test_every_platform_has_a_machine_with_its_console_and_processor(definitions
         "qemu-amd64": "amd64",
         "qemu-arm64": "arm64",
         "raspberry-pi": "arm64",
+        "raspberry-pi-5": "arm64",
     }
     for name, machine in load_agreement().machines.items():
         platform = definitions.platforms[name]

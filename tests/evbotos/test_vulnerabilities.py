@@ -18,7 +18,7 @@ from evbotos.hosttools import tool
 from evbotos.licences import Origin, debian_licences, debian_origin, wheel_origin, with_shared
 from evbotos.lock import lock_path, read_lock
 from evbotos.sbom import bill_of_materials
-from evbotos.vulnerabilities import is_older
+from evbotos.vulnerabilities import Component, findings, is_older
 
 VERSIONS = (
     *("0", "1.0~rc1-1", "1.0~~", "1.0", "1.0-1", "1.0-1+b1", "1.0-1+deb12u1", "1.0-1+deb12u10", "1.0-1~bpo1", "1.0.1"),
@@ -108,7 +108,7 @@ def built(tmp_path: Path) -> Path:
     lock = read_lock(lock_path(platform, image))
     assert lock is not None
     origins = {"libssl3": Origin("openssl", "3.0.17-1~deb12u2", ("Apache-2.0",)), "pykka": Origin("p", "1", ("MIT",))}
-    bill = bill_of_materials(lock, set(), set(), platform.architecture, platform.suite, origins)
+    bill = bill_of_materials(lock, set(), platform, origins)
     folder = tmp_path / "out/qemu-amd64-robot"
     folder.mkdir(parents=True)
     (folder / "sbom.cdx.json").write_text(bill)
@@ -153,6 +153,15 @@ def test_debian_s_tracker_names_what_is_open_or_fixed_later(built: Path) -> None
     assert run(built, "-d", str(database), "--all") == (1, ["CVE-2099-0001", "CVE-2099-0003"])
     shown = CliRunner().invoke(app, ["cve", "qemu-amd64", "-o", str(built / "out"), "-d", str(database)])
     assert "1 vulnerabilities; 1 unimportant ones are not shown (--all)" in shown.stdout
+
+
+def test_a_backported_kernel_has_the_flaws_of_unstable(tmp_path: Path) -> None:
+    database = tmp_path / "tracker.json"
+    fixed = {"CVE-2099-0021": "7.2.11-1", "CVE-2099-0022": "7.2.10-1"}
+    releases = {one: {"sid": {"status": "resolved", "fixed_version": version}} for one, version in fixed.items()}
+    database.write_text(json.dumps({"linux": {one: {"releases": told} for one, told in releases.items()}}))
+    kernel = Component("linux-source-7.2", "linux", "7.2.11-1~bpo13+1", "trixie-backports")
+    assert [one.identifier for one in findings([kernel], database)] == ["CVE-2099-0021"]
 
 
 def advisory(name: str, *events: dict[str, str], ecosystem: str = "PyPI", **more: Any) -> dict[str, Any]:
