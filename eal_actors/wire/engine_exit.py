@@ -27,6 +27,7 @@ from typing import Final
 
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.log import get_logger
+from eal_actors.wire.own_sockets import refuse_lookups
 
 has_begun = False
 """Whether the program ends: nothing is sent any more, and messages are thrown away."""
@@ -37,6 +38,7 @@ _TIMEOUT_S: Final = 25.0
 """Real seconds after which the program ends nevertheless. The end of a session waits for TLS handshakes under way, up
 to 20 s each: with 5 s, a program whose emulated robots did not answer ended by SIGABRT."""
 _PERIOD_S: Final = 0.001
+_LOOK_S: Final = 0.05
 _CALLERS: Final = str(Path(__file__).parent)
 _actions: dict[Callable[[], None], None] = {}
 _threads: weakref.WeakSet[threading.Thread] = weakref.WeakSet()
@@ -73,12 +75,21 @@ def _leave() -> None:
     is_over = True
     end_s = REAL_TIME.now() + _TIMEOUT_S
     for thread in list(_threads):
-        thread.join(max(0.0, end_s - REAL_TIME.now()))
+        _join(thread, end_s)
     while names := _threads_inside():
         if REAL_TIME.now() > end_s:
             get_logger().warning("threads are still in the network engine; the program ends", threads=names)
             return
         REAL_TIME.sleep(_PERIOD_S)
+
+
+def _join(thread: threading.Thread, end_s: float) -> None:
+    """Wait for a thread, whose session may wait for a slow name server. Thread: blocks the caller, until `end_s`."""
+    while (left_s := end_s - REAL_TIME.now()) > 0:
+        thread.join(min(left_s, _LOOK_S))
+        if not thread.is_alive():
+            return
+        refuse_lookups()  # those of other threads too: the program has ended
 
 
 if hasattr(os, "register_at_fork"):  # a child has neither sessions nor threads to wait for

@@ -1,4 +1,4 @@
-"""The TCP sockets of this process, which the network engine has opened: the engine says little about them itself.
+"""The sockets of this process that the network engine has opened: the engine says little about them itself.
 
 Every socket here is a duplicate. To close it does not close the engine's, but what is set or shut down takes effect on
 both.
@@ -16,11 +16,17 @@ from typing import Final
 
 OPEN_FILES: Final = Path("/proc/self/fd")
 """The descriptors of this process; other systems have no such folder, and show no sockets."""
+_NAME_SERVER_PORT: Final = 53
+_CLOSED_PORT: Final = 1
 _TABLES: Final = Path("/proc/self/net/tcp"), Path("/proc/self/net/tcp6")
 
 
 def tcp_sockets() -> Iterator[socket.socket]:
     """Yield a duplicate of each TCP socket of this process, to be closed."""
+    return _sockets(socket.SOCK_STREAM)
+
+
+def _sockets(kind: socket.SocketKind) -> Iterator[socket.socket]:
     seen = set()
     for file in OPEN_FILES.iterdir() if OPEN_FILES.is_dir() else ():
         with contextlib.suppress(OSError):  # it was closed meanwhile, or no descriptor is free
@@ -29,10 +35,23 @@ def tcp_sockets() -> Iterator[socket.socket]:
                 continue
             seen.add(status.st_ino)
             end = socket.socket(fileno=os.dup(int(file.name)))
-            if end.family in (socket.AF_INET, socket.AF_INET6) and end.type == socket.SOCK_STREAM:
+            if end.family in (socket.AF_INET, socket.AF_INET6) and end.type == kind:
                 yield end
             else:
                 end.close()
+
+
+def refuse_lookups() -> None:
+    """Let each question of this process to a name server fail, as if the server refused it.
+
+    The C library asks each server twice, for 5 s each. It waits on if its socket is shut down; so the socket is
+    connected to a closed port of this machine, which refuses an empty message.
+    """
+    for end in _sockets(socket.SOCK_DGRAM):
+        with end, contextlib.suppress(OSError):  # it is not connected, or has been refused
+            if end.getpeername()[1] == _NAME_SERVER_PORT:
+                end.connect((end.getsockname()[0], _CLOSED_PORT))
+                end.send(b"")
 
 
 def sockets_to(ports: Container[int]) -> Iterator[socket.socket]:

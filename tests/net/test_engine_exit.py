@@ -16,6 +16,7 @@ import pytest
 import zenoh
 
 from eal_actors.kernel.bundled import bundled_path
+from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.wire.session import open_session, probe_config, router_config
 from tests.net.links import free_port
 from tests.net.rig import WAIT_S, Rig
@@ -100,6 +101,21 @@ sys.exit(os.waitstatus_to_exitcode(status) if child else 5)
 """
 """Its child leaves a `with` block that its parent has entered."""
 
+LOOKING = """
+import socket, time
+from eal_actors import Fleet
+from tests.net.links import fleet_of
+server = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+server.bind(("127.0.0.53", 53))
+fleet = Fleet(fleet_of({}, {"r1": "tcp/robot.example.com:7447"})).connect(timeout_s=0.1)
+server.recv(512)
+print(time.monotonic())
+"""
+"""A name server that never answers is asked for the address of a robot."""
+
+PRIVATELY = 'ip link set lo up && mount --bind resolv.conf /etc/resolv.conf && exec "$@"'
+"""Runs a command in a namespace whose only name server is its own."""
+
 ENDS = {"return": 0, "sys.exit": 7, "close": 0, "SIGTERM": 143, "SIGINT": -2}
 
 
@@ -164,6 +180,19 @@ def test_a_forked_child_leaves_a_with_block_of_its_parent_at_once(rig: Rig, how:
     """It waited 8 s for threads that it does not have."""
     with rig.served_here():
         assert outcome(run(LEAVER, how, rig.file)) == (5, "")
+
+
+def test_a_name_server_that_is_silent_does_not_hold_up_the_end(tmp_path: Path) -> None:
+    """It took 10 s."""
+    (tmp_path / "resolv.conf").write_text("nameserver 127.0.0.53\n")
+    namespace = ["unshare", "--map-root-user", "--mount", "--net", "sh", "-c", PRIVATELY, "sh"]
+    if subprocess.run([*namespace, "true"], cwd=tmp_path, capture_output=True, check=False).returncode:
+        pytest.skip("namespaces are not allowed here")
+    environment = {**os.environ, "PYTHONPATH": str(bundled_path("."))}
+    command = [*namespace, sys.executable, "-c", LOOKING]
+    ended = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
+    assert REAL_TIME.now() - float(ended.stdout) < 5.0
+    assert "threads are still in the network engine" not in ended.stderr
 
 
 def count_endings(folder: Path, programs: int) -> dict[str, Counter[int]]:
