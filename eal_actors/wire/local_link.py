@@ -37,11 +37,7 @@ from eal_actors.kernel.errors import error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.wire import engine_exit
 from eal_actors.wire.format.packing import PROTOCOL_VERSION
-
-Receive = Callable[[str, bytes, bytes], None]
-"""Handles a message: the key of a call or the robot of a reply, the envelope and the payload.
-
-It must not block. What it raises is logged."""
+from eal_actors.wire.transport import Receive
 
 _MOST_BYTES: Final = 64 * 1024
 """Limit of a packet."""

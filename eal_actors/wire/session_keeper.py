@@ -135,11 +135,10 @@ def router_session(fleet: FleetConfig | None, name: str, configure: Callable[[],
         keeper.close()
 
 
-def _store_revoked(folder: Path, parts: PartStore, key: str, call: zenoh.Sample) -> None:
+def _store_revoked(folder: Path, parts: PartStore, key: str, envelope: bytes, payload: bytes) -> None:
     try:
-        envelope = b"" if call.attachment is None else call.attachment.to_bytes()
         if envelope[:1] == BEGINS_PART:
-            whole = parts.add(key, envelope, call.payload.to_bytes())
+            whole = parts.add(key, envelope, payload)
             if whole is None:
                 return
             envelope, _ = whole

@@ -28,6 +28,12 @@ if TYPE_CHECKING:
     import zenoh
 
     _Subscriber = zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]
+    _HandleSample = Callable[[str, zenoh.Sample], None]
+
+Receive = Callable[[str, bytes, bytes], None]
+"""Handles a message: its key, or the robot of a reply on a local link, the envelope and the payload.
+
+It must not block. What it raises is logged."""
 
 _CAPACITY: Final = 64
 """Messages that wait for the reader of a subscription; the engine itself holds many more in its link."""
@@ -110,27 +116,37 @@ class Transport:
             allowed_destination=self._elsewhere,
         )
 
-    def receive(self, key: str, name: str, handle: Callable[[str, zenoh.Sample], None]) -> Callable[[], None]:
+    def receive(self, key: str, name: str, handle: Receive) -> Callable[[], None]:
         """Pass the messages of a key expression to a handler, in a thread of their own with that name.
 
-        The handler gets the key of each message and the message, and must not block. What it raises is logged. Returns
-        a function that ends it; harmless if the session is closed.
+        Returns a function that ends it; harmless if the session is closed.
         """
+
+        def handle_sample(received: str, sample: zenoh.Sample) -> None:
+            attachment = sample.attachment
+            handle(received, b"" if attachment is None else attachment.to_bytes(), sample.payload.to_bytes())
+
+        return self.receive_samples(key, name, handle_sample)
+
+    def receive_samples(self, key: str, name: str, handle: _HandleSample) -> Callable[[], None]:
+        """Do the same with a handler that gets the key and the engine's message, whose payload is not yet copied."""
         import zenoh
 
         return self._read(self.session.declare_subscriber(key, zenoh.handlers.FifoChannel(_CAPACITY)), name, handle)
 
-    def receive_tokens(self, key: str, name: str, handle: Callable[[str, zenoh.Sample], None]) -> Callable[[], None]:
-        """Pass the liveliness tokens of a key expression, present and coming, to a handler; see `receive`."""
+    def receive_tokens(self, key: str, name: str, handle: Callable[[str, bool], None]) -> Callable[[], None]:
+        """Pass the liveliness tokens of a key expression, present and coming, to a handler; see `receive`.
+
+        The handler gets the key of each token, and whether it appeared or disappeared.
+        """
         import zenoh
 
         liveliness = self.session.liveliness()
         subscriber = liveliness.declare_subscriber(key, zenoh.handlers.FifoChannel(_MAX_TOKENS), history=True)
-        return self._read(subscriber, name, handle)
+        is_put = zenoh.SampleKind.PUT
+        return self._read(subscriber, name, lambda received, sample: handle(received, sample.kind == is_put))
 
-    def _read(
-        self, subscriber: _Subscriber, name: str, handle: Callable[[str, zenoh.Sample], None]
-    ) -> Callable[[], None]:
+    def _read(self, subscriber: _Subscriber, name: str, handle: _HandleSample) -> Callable[[], None]:
         import zenoh
 
         channel = subscriber.handler  # a subscriber that is being read itself cannot be undeclared

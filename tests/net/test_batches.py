@@ -78,18 +78,18 @@ class Crowd:
         self.config = config
         self.received: list[int] = []
         self.counters = {name: (Counter(), QuickCounter()) for name in config.robots}
-        receive, receive_batch = RobotHost._on_call, RobotHost._receive_batch
+        receive, receive_batch = RobotHost._receive, RobotHost._receive_batch
 
-        def on_call(host: RobotHost, key: str, sample: Any) -> None:
+        def on_call(host: RobotHost, link: None, key: str, envelope: bytes, payload: bytes) -> None:
             if "/Counter/" in key:
                 self.received.append(1)
-            receive(host, key, sample)
+            receive(host, link, key, envelope, payload)
 
         def on_batch(host: RobotHost, key: str, route: Any, rows: list[list[Any]]) -> None:
             self.received[-1:] = [len(rows)]
             receive_batch(host, key, route, rows)
 
-        monkeypatch.setattr(RobotHost, "_on_call", on_call)
+        monkeypatch.setattr(RobotHost, "_receive", on_call)
         monkeypatch.setattr(RobotHost, "_receive_batch", on_batch)
         session = stack.enter_context(open_session(robot_config(config, "r1")))
         self.host = RobotHost(config.name, session, config.network).launch()

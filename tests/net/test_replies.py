@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import zenoh
 
 from eal_actors import Fleet
 from eal_actors.kernel.clock import REAL_TIME
@@ -72,8 +71,8 @@ class Line:
         network = {"discovery": False, "lease_s": 30.0, **({"routers": [place]} if is_routed else {})}
         return fleet_of(network, {"r1": "router" if is_routed else place})
 
-    def _hear(self, _: str, sample: zenoh.Sample) -> None:
-        self.heard.add(sample.payload.to_bytes()[:8])
+    def _hear(self, _: str, __: bytes, payload: bytes) -> None:
+        self.heard.add(payload[:8])
 
     def _is_connected(self) -> bool:
         self.outbox.publish(self._key, b"", b"begin".ljust(8))

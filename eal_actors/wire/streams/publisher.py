@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from typing_extensions import override
 
@@ -24,10 +24,8 @@ from eal_actors.wire.format import keys
 from eal_actors.wire.format.frames import StreamFrame, encode_frame, parse_stream_request, rate_text
 from eal_actors.wire.format.images import require_codec
 from eal_actors.wire.format.messages import CallHeader, RobotTime
+from eal_actors.wire.rpc.server.outbox import Outbox
 from eal_actors.wire.shared_memory import SharedValue
-
-if TYPE_CHECKING:
-    import zenoh
 
 _MAX_STREAMS: Final = 64
 """Limit of one certificate's streams of a robot; each is a resource, a rate and an encoding."""
@@ -49,23 +47,19 @@ class StreamPublisher(EALActor):
         self,
         fleet: str,
         robot: RobotHandle,
-        session: zenoh.Session,
+        outbox: Outbox,
         era: str,
         share: Callable[[str, Payload], SharedValue | None],
     ) -> None:
         super().__init__(f"{robot.name} streams", robot.clock)
         self._fleet = fleet
         self._robot = robot
-        self._session = session
+        self._outbox = outbox
         self._era = era
         self._share = share
         self._streams: dict[str, _PublishedStream] = {}
         self._starting = threading.Lock()
         self._log = get_logger(robot=robot.name)
-
-    def move_to(self, session: zenoh.Session) -> None:
-        """Publish on another session from now on. Thread: any."""
-        self._session = session
 
     def serve(self, handle: ResourceHandle, header: CallHeader) -> None:
         """Start, renew or end a controller's lease of a stream. Thread: any.
@@ -178,7 +172,7 @@ class StreamPublisher(EALActor):
         import zenoh
 
         try:
-            self._session.put(
+            self._outbox.transport.session.put(
                 stream.key,
                 bytes(payload),
                 attachment=envelope,

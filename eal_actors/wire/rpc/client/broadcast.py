@@ -108,20 +108,16 @@ class _Broadcast:
 
     # Messages, in the readers' threads.
 
-    def _on_answer(self, key: str, sample: zenoh.Sample) -> None:
-        attachment = sample.attachment
-        envelope = b"" if attachment is None else attachment.to_bytes()
+    def _on_answer(self, key: str, envelope: bytes, payload: bytes) -> None:
         with contextlib.suppress(ProtocolError):
             _, robot = keys.parse_robot(key)
             try:
-                self._enqueue(robot, decode_reply(envelope, sample.payload.to_bytes()).answer)
+                self._enqueue(robot, decode_reply(envelope, payload).answer)
             except ProtocolError as error:
                 self._enqueue(robot, error)
 
-    def _on_liveliness(self, key: str, sample: zenoh.Sample) -> None:
-        import zenoh
-
-        if sample.kind != zenoh.SampleKind.PUT:
+    def _on_liveliness(self, key: str, is_alive: bool) -> None:
+        if not is_alive:
             return
         with contextlib.suppress(ProtocolError):
             _, robot, version = keys.parse_alive(key)

@@ -287,7 +287,7 @@ class Controller(EALActor):
 
         transport = self._transport
         try:
-            return None if transport is None else transport.receive(key, f"{self.fleet} stream", on_sample)
+            return None if transport is None else transport.receive_samples(key, f"{self.fleet} stream", on_sample)
         except zenoh.ZError as error:
             get_logger(fleet=self.fleet).debug("a subscription failed", key=key, reason=error_text(error))
             return None
@@ -319,14 +319,11 @@ class Controller(EALActor):
 
     # Messages, in the readers' threads.
 
-    def _on_liveliness(self, key: str, sample: zenoh.Sample) -> None:
-        import zenoh
-
+    def _on_liveliness(self, key: str, is_alive: bool) -> None:
         try:
             fleet, name, version = keys.parse_alive(key)
         except ProtocolError:
             return
-        is_alive = sample.kind == zenoh.SampleKind.PUT
         if fleet != self.fleet:
             self.foreign.note(fleet, name, is_alive=is_alive)
             return
@@ -350,30 +347,27 @@ class Controller(EALActor):
         if (listener := self._listeners.get(robot)) is not None:
             listener.on_reply(envelope, payload)
 
-    def _on_answer(self, key: str, sample: zenoh.Sample) -> None:
-        attachment = sample.attachment
-        envelope = b"" if attachment is None else attachment.to_bytes()
+    def _on_answer(self, key: str, envelope: bytes, payload: bytes) -> None:
         try:
             _, name = keys.parse_robot(key)
         except ProtocolError:
             return
         if envelope[:1] != BEGINS_BATCH:
-            self._on_reply(name, envelope, sample.payload.to_bytes())
+            self._on_reply(name, envelope, payload)
             return
         try:
             rows = decode_batch(envelope, 1)
         except ProtocolError as error:
             self._malformed.warn(name, "a batch of replies is malformed", error.message)
             return
-        for robot, reply, payload in rows:
+        for robot, *reply in rows:
             if robot == name or self.certificate is None:  # access control has proven the robot of the key only
-                self._on_reply(robot, reply, payload)
+                self._on_reply(robot, *reply)
 
-    def _on_event(self, key: str, sample: zenoh.Sample) -> None:
-        attachment = sample.attachment
+    def _on_event(self, key: str, envelope: bytes, payload: bytes) -> None:
         try:
             _, name = keys.parse_robot(key)
-            event = decode_event(attachment.to_bytes() if attachment is not None else b"", sample.payload.to_bytes())
+            event = decode_event(envelope, payload)
         except ProtocolError as error:
             self._malformed.warn(key.rpartition("/")[2], "an event is malformed", error.message)
             return

@@ -11,6 +11,7 @@ from __future__ import annotations
 import secrets
 import threading
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final, Self
 
 from typing_extensions import override
@@ -57,7 +58,6 @@ class RobotHost(EALActor):
         self._period_s = min(max(network.dead_man_s / 10, least_s), most_s)
         self._fleet = fleet
         self._robot = robot
-        self._session = session
         self._network = network
         self._is_open = network.security is None
         self._lock = threading.Lock()
@@ -67,8 +67,7 @@ class RobotHost(EALActor):
         self._parts_lock = threading.Lock()
         self._unsubscribe: list[Callable[[], None]] = []
         self._revoked = self._read_revoked()
-        self._transport = Transport(session)
-        self._outbox = Outbox(f"{robot or fleet} outbox", self._transport)
+        self._outbox = Outbox(f"{robot or fleet} outbox", Transport(session))
         requests = RequestQueue(self._run_after_timers)
         self._services = HostServices(
             fleet, network, self._outbox, secrets.token_hex(8), requests, self._revoke, self._remove
@@ -90,20 +89,19 @@ class RobotHost(EALActor):
     def _subscribe(self) -> None:
         calls = keys.call_keys(self._fleet, self._robot)
         beats = keys.heartbeat_key(self._fleet, None, None)
+        transport = self._outbox.transport
         self._unsubscribe = [  # before any token: a robot that is found can be called
-            self._transport.receive(calls, f"{self.name} calls", self._on_call),
-            self._transport.receive(beats, f"{self.name} heartbeats", self._on_heartbeat),
+            transport.receive(calls, f"{self.name} calls", partial(self._receive, None)),
+            transport.receive(beats, f"{self.name} heartbeats", self._on_heartbeat),
         ]
 
     def move_to(self, session: zenoh.Session) -> None:
         """Continue on another session, after the earlier one was closed. Thread: blocks the caller for a moment."""
-        self._session = session
         self._revoked = self._read_revoked()
-        self._transport = Transport(session)
-        self._outbox.move_to(self._transport)
+        self._outbox.transport = Transport(session)
         self._subscribe()
         for server in self._servers.values():
-            server.move_to(session)
+            server.tokens.renew()
 
     def serve(self, robot: RobotHandle, exclusive: Iterable[str] | None = None) -> RobotServer:
         """Serve a started robot of this process until its server is closed. Thread: blocks the caller for a moment.
@@ -116,11 +114,11 @@ class RobotHost(EALActor):
             require_handshake([handle.info for handle in robot.values()])
         except DataError as error:
             raise error.at(robot.name) from None
-        server = RobotServer(self._services, robot, self._session, exclusive)
-        server.claim()  # before any call reaches it
+        server = RobotServer(self._services, robot, exclusive)
+        server.tokens.claim()  # before any call reaches it
         with self._lock:
             self._servers = {**self._servers, robot.name: server}
-        server.announce()
+        server.tokens.announce()
         return server
 
     def _revoke(self, names: Iterable[str]) -> None:
@@ -189,11 +187,7 @@ class RobotHost(EALActor):
     # Messages, in the readers' threads.
 
     def _has_link_at(self, port: int) -> bool:
-        return any(link.port == port for link in links_of(self._session))
-
-    def _on_call(self, key: str, sample: zenoh.Sample) -> None:
-        attachment = sample.attachment
-        self._receive(None, key, b"" if attachment is None else attachment.to_bytes(), sample.payload.to_bytes())
+        return any(link.port == port for link in links_of(self._outbox.transport.session))
 
     def _receive(self, link: LocalLink | None, key: str, envelope: bytes, payload: Payload) -> None:
         """Serve a call, of a local link if one is given.
@@ -240,10 +234,10 @@ class RobotHost(EALActor):
             if server is not None:
                 server.receive(other, envelope, payload, batch)
 
-    def _on_heartbeat(self, key: str, sample: zenoh.Sample) -> None:
+    def _on_heartbeat(self, key: str, _: bytes, payload: bytes) -> None:
         try:
             caller, client = keys.parse_heartbeat(key)
-            beat = decode_heartbeat(sample.payload.to_bytes())
+            beat = decode_heartbeat(payload)
             if beat.client != keys.client_id(caller, client):
                 raise ProtocolError(f"a controller named {caller} sends the heartbeat of another one")
         except ProtocolError as error:

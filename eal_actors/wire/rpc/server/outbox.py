@@ -34,13 +34,14 @@ MAX_BACKLOG_BYTES: Final = 64 * 1024 * 1024
 class Outbox(Sender):
     """Sends replies and events; those that wait together are sent as a batch. Thread: an actor.
 
-    `is_full` is whether so many bytes wait that no further value may be queued.
+    `transport` is replaced when the session is. `is_full` is whether so many bytes wait that no further value may be
+    queued.
     """
 
     def __init__(self, name: str, transport: Transport) -> None:
         super().__init__(name)
         self.urgent: Final = Sender(f"{name} for stops")
-        self._transport = transport
+        self.transport = transport
         self.is_full = False
         self._backlog_bytes = 0
         self._busy_until_s = -math.inf  # as far as is known, a link may be full until then
@@ -55,10 +56,6 @@ class Outbox(Sender):
     @override
     def on_stop(self) -> None:
         self.urgent.end_soon()
-
-    def move_to(self, transport: Transport) -> None:
-        """Send on another session from now on. Thread: any."""
-        self._transport = transport
 
     def publish(
         self, key: str, envelope: bytes, payload: Payload, *, is_vital: bool = True, is_urgent: bool = False
@@ -79,7 +76,7 @@ class Outbox(Sender):
         try:
             if len(payload) > _LARGE_BYTES:
                 self._note_large()
-            self._transport.put(key, envelope, payload)
+            self.transport.put(key, envelope, payload)
         finally:
             self._put_lock.release()
 
@@ -92,13 +89,13 @@ class Outbox(Sender):
         and further ones go behind it. A router would drop it unnoticed.
         """
         now_s = REAL_TIME.now()
-        is_quiet = not (self.unsent or is_urgent or now_s < self._busy_until_s or self._transport.is_relayed)
+        is_quiet = not (self.unsent or is_urgent or now_s < self._busy_until_s or self.transport.is_relayed)
         is_sent = is_quiet and self._put_lock.acquire(blocking=False)
         if is_sent:
             try:
                 if len(payload) > _LARGE_BYTES:
                     self._note_large()
-                self._transport.put(key, envelope, payload, is_vital=False)
+                self.transport.put(key, envelope, payload, is_vital=False)
             finally:
                 self._put_lock.release()
         if not is_sent or REAL_TIME.now() - now_s >= _SLOW_PUT_S:
@@ -125,7 +122,7 @@ class Outbox(Sender):
     def _put(self, message: _OutgoingMessage, *, is_last: bool) -> None:
         if len(message.payload) > _LARGE_BYTES:
             self._note_large()
-        self._transport.put(
+        self.transport.put(
             message.key,
             message.envelope,
             message.payload,

@@ -11,7 +11,7 @@ from __future__ import annotations
 import secrets
 from collections.abc import Iterable
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from eal_actors.actors.call import Call
 from eal_actors.actors.future import Relay
@@ -55,9 +55,6 @@ from eal_actors.wire.rpc.server.server_tokens import ServerTokens
 from eal_actors.wire.security.access import Rights, encode_rights
 from eal_actors.wire.streams.publisher import StreamPublisher
 
-if TYPE_CHECKING:
-    import zenoh
-
 ACCEPT_AFTER_S: Final = 0.1
 """Real seconds after which a running command is answered with ACCEPTED; its outcome follows as an event."""
 
@@ -65,13 +62,10 @@ ACCEPT_AFTER_S: Final = 0.1
 class RobotServer:
     """Serves one started robot of this process; made by RobotHost.serve. Thread: any; slow work runs in the host's.
 
-    The session is open and outlives the server. `dead_man_trips` counts the halts of each resource because its
-    controller was silent.
+    `tokens` announces it. `dead_man_trips` counts the halts of each resource because its controller was silent.
     """
 
-    def __init__(
-        self, host: HostServices, robot: RobotHandle, session: zenoh.Session, exclusive: Iterable[str] | None
-    ) -> None:
+    def __init__(self, host: HostServices, robot: RobotHandle, exclusive: Iterable[str] | None) -> None:
         self._host = host
         self._robot = robot
         self._handles: dict[str, ResourceHandle] = {}  # of a robot of this process, which keeps its resources
@@ -88,11 +82,11 @@ class RobotServer:
         self._memories = ControllerMemories(robot.name, is_enabled=host.network.shared_memory)
         self._replies = Replies(robot, self._era, host.outbox, self._memories)
         self._answer, self._outcome = self._replies.answer, self._replies.outcome
-        self._publisher = StreamPublisher(host.fleet, robot, session, self._era, self._memories.put)
+        self._publisher = StreamPublisher(host.fleet, robot, host.outbox, self._era, self._memories.put)
         self._handler = RequestHandler(
             host, robot, self._admission, self._running, self._publisher, self._memories, self._publish
         )
-        self._tokens = ServerTokens(session, host.fleet, robot.name, host.process, host.network.lease_s)
+        self.tokens: Final = ServerTokens(host.outbox, host.fleet, robot.name, host.process, host.network.lease_s)
         self._unlogged_stop: str | None = None
         self._ended = new_waiter()
         self._is_closed = self._has_failed = False
@@ -102,19 +96,6 @@ class RobotServer:
 
     # Life.
 
-    def claim(self) -> None:
-        """Become the only process that serves the robot, or raise UnavailableError; see `ServerTokens.claim`."""
-        self._tokens.claim()
-
-    def announce(self) -> None:
-        """Declare the robot's liveliness token. Thread: blocks the caller for a moment."""
-        self._tokens.announce()
-
-    def move_to(self, session: zenoh.Session) -> None:
-        """Continue on another session, after the earlier one was closed. Thread: blocks the caller for a moment."""
-        self._publisher.move_to(session)
-        self._tokens.move_to(session)
-
     def expel(self, caller: str) -> None:
         """Disconnect every controller with a revoked certificate, and halt what they moved. Thread: the host's."""
         for client in self._admission.clients_of(caller):
@@ -123,7 +104,7 @@ class RobotServer:
 
     def close(self) -> None:
         """Withdraw the robot from the network. Thread: blocks the caller, for a bounded time."""
-        self._tokens.withdraw()
+        self.tokens.withdraw()
         self._host.remove(self._robot.name)
         self._publisher.close()
         self._memories.close()

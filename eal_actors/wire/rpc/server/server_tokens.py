@@ -13,6 +13,7 @@ from eal_actors.actors.robot_view import process_name
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import UnavailableError
 from eal_actors.wire.format import keys
+from eal_actors.wire.rpc.server.outbox import Outbox
 
 if TYPE_CHECKING:
     import zenoh
@@ -26,13 +27,13 @@ _MAX_NAME: Final = 100
 
 
 class ServerTokens:
-    """The tokens of one robot, which a process serves; `lease_s` is that of its links.
+    """The tokens of one robot, which a process serves, on its outbox's session; `lease_s` is that of its links.
 
     Thread: one at a time; each method blocks for a moment.
     """
 
-    def __init__(self, session: zenoh.Session, fleet: str, robot: str, process: str, lease_s: float) -> None:
-        self._session = session
+    def __init__(self, outbox: Outbox, fleet: str, robot: str, process: str, lease_s: float) -> None:
+        self._outbox = outbox
         self._fleet = fleet
         self._robot = robot
         self._process = process
@@ -45,7 +46,7 @@ class ServerTokens:
         Raises UnavailableError, with the names of the others, if others serve it for longer than a lease. Thread:
         blocks the caller for that long if there is another.
         """
-        if not self._session.info.routers_zid():
+        if not self._outbox.transport.is_relayed:
             return
         self._declare(keys.server_key(self._fleet, self._robot, self._process, process_name()[:_MAX_NAME]))
         end_s = REAL_TIME.now() + self._lease_s + _LATE_S
@@ -61,9 +62,8 @@ class ServerTokens:
         """Declare the robot's token, by which controllers find it."""
         self._declare(keys.alive_key(self._fleet, self._robot))
 
-    def move_to(self, session: zenoh.Session) -> None:
-        """Declare the same tokens on another session, after the earlier one was closed."""
-        self._session = session
+    def renew(self) -> None:
+        """Declare the same tokens on the session that has replaced a closed one."""
         declared, self._tokens = self._tokens, {}
         for key in declared:
             self._declare(key)
@@ -71,16 +71,16 @@ class ServerTokens:
     def withdraw(self) -> None:
         """Undeclare the tokens, unless the session is closed."""
         tokens, self._tokens = self._tokens, {}
-        if not self._session.is_closed():
+        if not self._outbox.transport.session.is_closed():
             for token in reversed(tokens.values()):
                 token.undeclare()  # type: ignore[no-untyped-call]  # untyped in zenoh's stubs
 
     def _declare(self, key: str) -> None:
-        self._tokens[key] = self._session.liveliness().declare_token(key)
+        self._tokens[key] = self._outbox.transport.session.liveliness().declare_token(key)
 
     def _others(self) -> list[str]:
         """Return the names of the other processes that serve the robot."""
         wanted = keys.server_key(self._fleet, self._robot, None, None)
-        replies = self._session.liveliness().get(wanted, timeout=_ANSWER_S)
+        replies = self._outbox.transport.session.liveliness().get(wanted, timeout=_ANSWER_S)
         found = [keys.parse_server(str(reply.ok.key_expr)) for reply in replies if reply.ok is not None]
         return sorted(name for process, name in found if process != self._process)
