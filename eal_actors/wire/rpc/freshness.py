@@ -45,7 +45,7 @@ from typing import Final, Generic, NamedTuple, NoReturn, TypeVar
 
 from eal_actors.kernel.errors import StaleCommandError, UnavailableError
 from eal_actors.wire.format.keys import certificate_id
-from eal_actors.wire.format.messages import CallId
+from eal_actors.wire.format.messages import CallId, RobotTime
 from eal_actors.wire.rpc.clock_offset import MAX_DRIFT
 
 T = TypeVar("T")
@@ -87,7 +87,7 @@ class Stamper:
 
     Times are the controller's clock in seconds, and do not decrease from call to call. Commands to a resource must be
     sent in the order of their stamps. `epoch` is the number of the connection to the robot. `number` returns the number
-    of the next call, for calls that are no commands, in any thread.
+    of the next call, for calls that are no commands, in any thread; any may also call `hear`.
     """
 
     def __init__(self, client: str) -> None:
@@ -97,10 +97,15 @@ class Stamper:
         self._era: str | None = None
         self._echo_s = 0.0
         self._came_s = 0.0
+        self._news: tuple[RobotTime, float] | None = None
 
     def reconnect(self) -> None:
         """Begin a new epoch: once the robot knows it (`CommandHistory.enter`), it refuses earlier commands."""
         self.epoch += 1
+
+    def hear(self, time: RobotTime, now_s: float) -> None:
+        """Leave the robot's clock of a reply for `heard`, which the next stamp calls. Thread: any."""
+        self._news = time, now_s
 
     def heard(self, era: str, robot_s: float, now_s: float) -> None:
         """Note the robot's clock from a reply or an event of a run of its server; the most precise echo is kept.
@@ -116,6 +121,11 @@ class Stamper:
 
         `ttl_s` is its greatest age at its beginning, longer than the round trip. `now_s` is read before sending.
         """
+        news = self._news
+        if news is not None and news[1] <= now_s:  # a later one is for the next command
+            self._news = None
+            (era, time_s, _), heard_s = news
+            self.heard(era, time_s, heard_s)
         if self._era is None:
             raise UnavailableError("the robot has not answered yet: without its clock no command can be sent")
         new = tuple.__new__  # CallId() and Stamp() take several times as long

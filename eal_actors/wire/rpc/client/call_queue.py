@@ -23,12 +23,10 @@ from eal_actors.device.resource import Progress
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import BusyError, EALError, ProtocolError, RemoteError, UnavailableError
 from eal_actors.wire.format import keys
-from eal_actors.wire.format.messages import ACCEPTED, Answer, CallId, RobotEvent, RobotTime, decode_reply
-from eal_actors.wire.format.readings import encode_reading
+from eal_actors.wire.format.messages import ACCEPTED, Answer, CallId, RobotEvent, RobotTime, decode_reply, encode_call
 from eal_actors.wire.rpc.call_arguments import is_small, split_arguments
 from eal_actors.wire.rpc.client.call_sender import EncodedCall
 from eal_actors.wire.rpc.client.channel import Channel
-from eal_actors.wire.rpc.client.command_encoder import CommandEncoder
 from eal_actors.wire.rpc.client.command_tracking import CommandTracker
 from eal_actors.wire.rpc.client.pending import SentCall
 from eal_actors.wire.rpc.sender import UrgentMessage
@@ -37,6 +35,9 @@ from eal_actors.wire.shared_memory import LEAST_BYTES
 AT_ONCE: Final = 128
 """Calls in flight from which on callers of a robot with a local link leave their calls to the sender, which then waits
 for replies: so few small ones always have room in the link, and a caller that sends waits for nothing."""
+
+_TTL_S: Final = 1.0
+"""Time to live of a command: its greatest age when the robot begins it, in real seconds."""
 
 _NO_VALUE: Final = (), (None,)
 """Ends of the arguments of most calls."""
@@ -69,7 +70,6 @@ class CallQueue(UrgentMessage):
         self._keys: dict[tuple[str, str], str] = {}  # of calls, by resource and method
         self._end: EALError | None = None
         self._sending = threading.Lock()
-        self._commands = CommandEncoder(channel)
         self.tracker: Final = CommandTracker(channel)
 
     # CallServer.
@@ -210,17 +210,20 @@ class CallQueue(UrgentMessage):
             return None
         left_s /= self._second
         call_id: CallId | None = None
-        payload: Payload = b""
+        start_s, stamper = call.start_s, channel.stamper
         try:
             plain, data = split_arguments(call) if call.arguments else ((), None)
-            traceparent = "" if span is None else span.traceparent
             if method in keys.RETRYABLE_METHODS:
-                stamper = channel.stamper
-                number = stamper.number()
-                envelope = encode_reading(stamper.client, stamper.epoch, number, left_s, plain, traceparent)
+                number, ttl_s, era, echo_s, held_s = stamper.number(), left_s, "", 0.0, 0.0
             else:
-                call_id, envelope, payload = self._commands.encode(call, plain, data, traceparent, now_s, left_s)
-                number = call_id.sequence
+                call_id, ttl_s, era, echo_s, held_s = stamper.stamp(_TTL_S, now_s)
+                number = call_id[2]
+                if data is not None or start_s is not None:
+                    start_s, data = channel.to_robot_time(start_s, data)
+            traceparent = "" if span is None else span.traceparent
+            client, epoch = stamper.client, stamper.epoch
+            header = client, epoch, number, ttl_s, left_s, start_s, plain, era, echo_s, held_s, False, traceparent
+            envelope, payload = encode_call(header, data)
         except EALError as error:
             self._forget(call)
             call.settle(None, error.at(channel.name, name), self._controller.run_later)
@@ -248,7 +251,7 @@ class CallQueue(UrgentMessage):
         except ProtocolError as error:
             sequence, answer, time = 0, error, None
         if time is not None:
-            self._commands.hear(time, REAL_TIME.now())
+            self._channel.stamper.hear(time, REAL_TIME.now())
         pending = self._channel.pending.calls.pop(sequence, None)
         if type(pending) is SentCall:
             self.conclude(pending.call, pending.call_id, answer, time)

@@ -16,6 +16,7 @@ from typing_extensions import override
 from eal_actors.actors.actor import EALActor
 from eal_actors.actors.future import Future
 from eal_actors.actors.robot_view import RobotState, RobotView
+from eal_actors.device.data import EALData
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import AccessDeniedError, DataError, EALError, UnavailableError
 from eal_actors.kernel.log import get_logger
@@ -72,6 +73,19 @@ class Channel:
             self.inbox.call_soon(action)
         except EALError:
             get_logger(robot=self.name).debug("the connection has ended; an action is discarded")
+
+    def to_robot_time(self, start_s: float | None, data: EALData | None) -> tuple[float | None, EALData | None]:
+        """Return a start time and a value with its stamp, both by our fleet's clock, by the robot's clock instead.
+
+        Raises UnavailableError if the robot has not replied yet.
+        """
+        if data is not None and data.stamp_s is not None:
+            data = data.with_meta(stamp_s=self._robot_time(data.stamp_s))
+        return None if start_s is None else self._robot_time(start_s), data
+
+    def _robot_time(self, fleet_s: float) -> float:
+        real_s = self.clock.to_real(fleet_s)
+        return real_s + self.clock_tracker.offset(real_s).offset_s
 
     def call(self, method: str, arguments: Arguments, timeout_s: float, read: ReadReply[T]) -> Future[T]:
         """Call a method of the robot itself; `read` makes the future's value of the answer, in the reader's thread.

@@ -15,8 +15,7 @@ from eal_actors.actors.handles import RobotHandle
 from eal_actors.device.data import EALData, Payload
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import BusyError, EALError, ResourceFaultError, error_text
-from eal_actors.wire.format.messages import Answer, RobotTime, encode_reply
-from eal_actors.wire.format.readings import encode_status, encode_value
+from eal_actors.wire.format.messages import Answer, RobotTime, encode_reply, encode_status, encode_value
 from eal_actors.wire.rpc.server.controller_memories import ControllerMemories
 from eal_actors.wire.rpc.server.outbox import Outbox
 from eal_actors.wire.rpc.server.running_commands import ReplyTo
