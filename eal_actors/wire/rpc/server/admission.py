@@ -21,7 +21,7 @@ from eal_actors.wire.format.keys import ANYBODY, certificate_id, client_id
 from eal_actors.wire.format.messages import Answer, CallHeader, CallId
 from eal_actors.wire.format.packing import MAX_CALL_BYTES
 from eal_actors.wire.rpc.freshness import CommandHistory, CommandRecord, Stamp
-from eal_actors.wire.rpc.server.leases import DeadManSwitch, Leases, SilentController
+from eal_actors.wire.rpc.server.leases import Commander, DeadManSwitch, Leases
 
 _CLAIMING: Final = MOTION_METHODS | {"set_config"}
 """Methods that require the lease of an exclusive resource."""
@@ -170,7 +170,7 @@ class Admission:
         with self._guard:
             now_s = self._clock.now()
             self._dead_man.heard(client, now_s)
-            self._leases.renew(client, now_s)
+            self._leases.heard(client, now_s)
 
     def leave(self, client: str) -> tuple[str, ...]:
         """End a controller's leases; returns the resources to halt."""
@@ -187,11 +187,10 @@ class Admission:
     def release(self, client: str, resources: Sequence[str]) -> tuple[str, ...]:
         """End a controller's leases of some resources; returns those to halt."""
         with self._guard:
-            for resource in resources:
-                self._leases.release(client, resource)
+            self._leases.leave(client, resources)
             return self._dead_man.leave(client, resources)
 
-    def silences(self) -> tuple[SilentController, ...]:
+    def silences(self) -> tuple[Commander, ...]:
         """Return the resources to halt now because their controllers are silent; each silence is returned once."""
         with self._guard:
             due = self._dead_man.due(self._clock.now())

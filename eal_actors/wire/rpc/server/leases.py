@@ -18,14 +18,13 @@ that a client is alive. For each silence of a client:
 Limit: a heartbeat counts from its arrival. After a stall of the link, or a freeze of the robot, that is shorter than
 `dead_man_s`, a halt may come up to twice `dead_man_s` after the controller's last heartbeat was sent.
 
-A lease and its dead-man's switch end in the same instant. Ask `DeadManSwitch.due` first, so that the former holder's
-resource is halted before the next one's command.
+A lease and its dead-man's switch end in the same instant, since both are a table of the same kind. Ask
+`DeadManSwitch.due` first, so that the former holder's resource is halted before the next one's command.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Container, Iterable
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from eal_actors.kernel.errors import ArgumentError, ResourceBusyError
@@ -33,144 +32,102 @@ from eal_actors.kernel.errors import ArgumentError, ResourceBusyError
 _DEAD_MAN_RANGE_S: Final = 0.1, 60.0
 
 
-def _checked_dead_man_s(dead_man_s: float) -> float:
-    least_s, most_s = _DEAD_MAN_RANGE_S
-    if not least_s <= dead_man_s <= most_s:
-        raise ArgumentError(f"dead_man_s must be {least_s:g}..{most_s:g} s, not {dead_man_s!r}")
-    return dead_man_s
-
-
-@dataclass(slots=True)
-class _Lease:
-    holder: str
-    heard_s: float
-
-
-class Leases:
-    """Leases of a robot's exclusive resources; at most one entry a resource. Thread: one at a time.
-
-    All times are the robot's clock in seconds, and do not decrease from call to call. A holder may be silent for
-    `dead_man_s` seconds, 0.1..60; ArgumentError if it is none of these. `name_of` returns the display name of a client.
-    """
-
-    def __init__(self, exclusive: Iterable[str], dead_man_s: float, name_of: Callable[[str], str] = str) -> None:
-        self.exclusive: Final = frozenset(exclusive)
-        self.dead_man_s: Final = _checked_dead_man_s(dead_man_s)
-        self._name_of = name_of
-        self._leases: dict[str, _Lease] = {}
-
-    def claim(self, client: str, resource: str, now_s: float) -> None:
-        """Renew a client's leases, and grant that of a resource; ResourceBusyError if another client holds it."""
-        lease = self._leases.get(resource)
-        is_own = lease is not None and lease.holder == client and len(self._leases) == 1  # the usual case
-        if lease is not None and is_own and now_s < lease.heard_s + self.dead_man_s:
-            lease.heard_s = now_s
-            return
-        self.renew(client, now_s)
-        if resource not in self.exclusive:
-            return
-        lease = self._leases.get(resource)  # it has not ended, else `renew` had deleted it
-        if lease is None:
-            self._leases[resource] = _Lease(client, now_s)
-        elif lease.holder != client:
-            left_s = lease.heard_s + self.dead_man_s - now_s
-            holder = self._name_of(lease.holder)
-            raise ResourceBusyError(
-                f"held by controller {holder}, until it releases it or is silent for {left_s:.2f} s more",
-                resource=resource,
-            )
-
-    def renew(self, client: str, now_s: float) -> None:
-        """Renew every lease of the client that has not ended, on its heartbeat."""
-        dead_man_s, ended = self.dead_man_s, None
-        for resource, lease in self._leases.items():
-            if now_s >= lease.heard_s + dead_man_s:
-                ended = [resource] if ended is None else [*ended, resource]
-            elif lease.holder == client:
-                lease.heard_s = now_s
-        if ended is not None:
-            for resource in ended:
-                del self._leases[resource]
-
-    def release(self, client: str, resource: str) -> None:
-        """End a lease; ignored if the client does not hold it."""
-        lease = self._leases.get(resource)
-        if lease is not None and lease.holder == client:
-            del self._leases[resource]
-
-    def leave(self, client: str) -> None:
-        """End every lease of a client that disconnects."""
-        for resource in list(self._leases):
-            self.release(client, resource)
-
-    def holders(self, now_s: float) -> dict[str, str]:
-        """Return the holding clients by resource, sorted by resource."""
-        live = ((name, lease) for name, lease in self._leases.items() if now_s < lease.heard_s + self.dead_man_s)
-        return {resource: lease.holder for resource, lease in sorted(live)}
-
-
-class SilentController(NamedTuple):
-    """Resource to halt, the client that commanded it last, and when the robot last heard of that."""
+class Commander(NamedTuple):
+    """Client that commanded a resource last, and when the robot last heard of it before a silence that was too long."""
 
     resource: str
     client: str
     heard_s: float
 
 
-class DeadManSwitch:
-    """Watches the clients that command a robot's resources; at most one entry a resource. Thread: one at a time.
+class _Commanders:
+    """Table of the resources' last commanders; at most one entry a resource. Thread: one at a time.
 
     All times are the robot's clock in seconds, and do not decrease from call to call. A client may be silent for
     `dead_man_s` seconds, 0.1..60; ArgumentError if it is none of these.
     """
 
     def __init__(self, dead_man_s: float) -> None:
-        self.dead_man_s: Final = _checked_dead_man_s(dead_man_s)
-        self._watched: dict[str, SilentController] = {}
+        least_s, most_s = _DEAD_MAN_RANGE_S
+        if not least_s <= dead_man_s <= most_s:
+            raise ArgumentError(f"dead_man_s must be {least_s:g}..{most_s:g} s, not {dead_man_s!r}")
+        self.dead_man_s: Final = dead_man_s
+        self._last: dict[str, Commander] = {}
+
+    def commanded(self, client: str, resource: str, now_s: float) -> None:
+        """Make a client responsible for a resource, in place of any other; this proves that it is alive."""
+        if len(self._last) > (resource in self._last):  # others
+            self.heard(client, now_s)
+        # Commander() takes several times as long, in every command.
+        self._last[resource] = tuple.__new__(Commander, (resource, client, now_s))
+
+    def heard(self, client: str, now_s: float) -> None:
+        """Note that a client is alive. A silence that was too long stays one."""
+        for resource, last in self._last.items():
+            if last.client == client and now_s < self._end_s(last):
+                self._last[resource] = tuple.__new__(Commander, (resource, client, now_s))
+
+    def leave(self, client: str, among: Container[str] | None = None) -> tuple[str, ...]:
+        """Remove a client's resources, all if `among` is None; returns them sorted."""
+        owned = {resource for resource, last in self._last.items() if last.client == client}
+        resources = sorted(resource for resource in owned if among is None or resource in among)
+        for resource in resources:
+            del self._last[resource]
+        return tuple(resources)
+
+    def _end_s(self, last: Commander) -> float:
+        return last.heard_s + self.dead_man_s
+
+
+class Leases(_Commanders):
+    """Leases of a robot's exclusive resources; `name_of` returns the display name of a client."""
+
+    def __init__(self, exclusive: Iterable[str], dead_man_s: float, name_of: Callable[[str], str] = str) -> None:
+        super().__init__(dead_man_s)
+        self.exclusive: Final = frozenset(exclusive)
+        self._name_of = name_of
+
+    def claim(self, client: str, resource: str, now_s: float) -> None:
+        """Renew a client's leases, and grant that of a resource; ResourceBusyError if another client holds it."""
+        lease = self._last.get(resource)
+        if resource not in self.exclusive:
+            self.heard(client, now_s)
+        elif lease is None or lease.client == client or now_s >= self._end_s(lease):
+            self.commanded(client, resource, now_s)
+        else:
+            self.heard(client, now_s)
+            left_s = self._end_s(lease) - now_s
+            holder = self._name_of(lease.client)
+            raise ResourceBusyError(
+                f"held by controller {holder}, until it releases it or is silent for {left_s:.2f} s more",
+                resource=resource,
+            )
+
+    def holders(self, now_s: float) -> dict[str, str]:
+        """Return the holding clients by resource, sorted by resource."""
+        return {name: lease.client for name, lease in sorted(self._last.items()) if now_s < self._end_s(lease)}
+
+
+class DeadManSwitch(_Commanders):
+    """Watches the clients that command a robot's resources."""
 
     @property
     def due_s(self) -> float | None:
         """Robot's time of the next halt unless its client is heard before; None if nothing is watched."""
-        return min(map(self._end_s, self._watched.values()), default=None)
+        return min(map(self._end_s, self._last.values()), default=None)
 
     @property
     def clients(self) -> set[str]:
         """The clients that are responsible for a resource."""
-        return {last.client for last in self._watched.values()}
-
-    def commanded(self, client: str, resource: str, now_s: float) -> None:
-        """Make a client responsible for a resource, in place of any other; this proves that it is alive."""
-        if len(self._watched) > (resource in self._watched):  # others
-            self.heard(client, now_s)
-        # SilentController() takes several times as long, in every command.
-        self._watched[resource] = tuple.__new__(SilentController, (resource, client, now_s))
-
-    def heard(self, client: str, now_s: float) -> None:
-        """Note that a client is alive. A silence that was too long stays due."""
-        for resource, last in self._watched.items():
-            if last.client == client and now_s < self._end_s(last):
-                self._watched[resource] = SilentController(resource, client, now_s)
+        return {last.client for last in self._last.values()}
 
     def halted(self, resource: str) -> None:
         """Forget a resource that was halted by anybody."""
-        self._watched.pop(resource, None)
+        self._last.pop(resource, None)
 
-    def leave(self, client: str, among: Container[str] | None = None) -> tuple[str, ...]:
-        """Forget a client's resources, all if `among` is None; returns them sorted, for the caller to halt."""
-        watched = {resource for resource, last in self._watched.items() if last.client == client}
-        resources = sorted(resource for resource in watched if among is None or resource in among)
-        for resource in resources:
-            del self._watched[resource]
-        return tuple(resources)
-
-    def due(self, now_s: float) -> tuple[SilentController, ...]:
+    def due(self, now_s: float) -> tuple[Commander, ...]:
         """Return the resources to halt now, sorted, and forget them: each silence is returned once."""
-        due = [last for last in self._watched.values() if now_s >= last.heard_s + self.dead_man_s]
-        if not due:  # the usual case
-            return ()
+        due = [last for last in self._last.values() if now_s >= last.heard_s + self.dead_man_s]
         for silent in due:
-            del self._watched[silent.resource]
-        return tuple(sorted(due, key=lambda silent: silent.resource))
-
-    def _end_s(self, last: SilentController) -> float:
-        return last.heard_s + self.dead_man_s
+            del self._last[silent.resource]
+        return tuple(sorted(due))

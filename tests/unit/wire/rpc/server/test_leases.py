@@ -51,12 +51,12 @@ class LeasesMachine(RuleBasedStateMachine):
 
     @rule(client=CLIENTS)
     def beat(self, client: str) -> None:
-        self.leases.renew(client, self.now_s)
+        self.leases.heard(client, self.now_s)
         self.hear(client)
 
     @rule(client=CLIENTS, resource=RESOURCES)
     def release(self, client: str, resource: str) -> None:
-        self.leases.release(client, resource)
+        self.leases.leave(client, [resource])
         if self.holder.get(resource) == client:
             del self.holder[resource]
 
@@ -95,7 +95,7 @@ def test_a_refused_client_does_not_keep_the_lease_alive() -> None:
 def test_a_late_heartbeat_does_not_revive_a_lease() -> None:
     leases = Leases(["Wheels"], 2.0)
     leases.claim("ann", "Wheels", 10.0)
-    leases.renew("ann", 12.0)
+    leases.heard("ann", 12.0)
     assert leases.holders(12.0) == {}
     leases.claim("ann", "Wheels", 12.0)
     assert leases.holders(12.0) == {"Wheels": "ann"}
