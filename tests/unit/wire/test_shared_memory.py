@@ -13,8 +13,15 @@ import numpy as np
 import pytest
 
 from eal_actors.kernel.errors import ProtocolError, UnavailableError
-from eal_actors.wire.rpc.server.controller_memories import ControllerMemories
-from eal_actors.wire.shared_memory import LEAST_BYTES, MOST_BYTES, MemoryOffer, OwnedMemory, PeerMemory, SharedValue
+from eal_actors.wire.shared_memory import (
+    LEAST_BYTES,
+    MOST_BYTES,
+    ControllerMemories,
+    MemoryOffer,
+    OwnedMemory,
+    PeerMemory,
+    SharedValue,
+)
 
 SIZE = 3 * LEAST_BYTES
 NOBODY = 65534

@@ -30,9 +30,9 @@ from eal_actors.wire.format import keys, parts
 from eal_actors.wire.format.batches import BEGINS_BATCH, decode_batch
 from eal_actors.wire.format.messages import Heartbeat, RobotEvent, decode_event, encode_heartbeat
 from eal_actors.wire.format.packing import PROTOCOL_VERSION
+from eal_actors.wire.local_link import LocalLinks
 from eal_actors.wire.rpc.client.call_sender import CallSender
 from eal_actors.wire.rpc.client.discovery import ForeignRobots
-from eal_actors.wire.rpc.client.local_links import LocalLinks
 from eal_actors.wire.rpc.client.value_memory import MemorySharing
 from eal_actors.wire.rpc.sender import Sender, UrgentMessage
 from eal_actors.wire.rpc.throttled_log import ThrottledLog

@@ -30,8 +30,7 @@ from eal_actors.wire.format.messages import decode_heartbeat
 from eal_actors.wire.format.parts import BEGINS_PART, PartStore
 from eal_actors.wire.local_link import LocalLink, LocalListener
 from eal_actors.wire.rpc.server.outbox import Outbox, ReplyBatch
-from eal_actors.wire.rpc.server.request_handler import HostServices, require_handshake
-from eal_actors.wire.rpc.server.request_queue import RequestQueue
+from eal_actors.wire.rpc.server.request_handler import HostServices, RequestQueue, require_handshake
 from eal_actors.wire.rpc.server.robot_server import RobotServer
 from eal_actors.wire.rpc.throttled_log import ThrottledLog
 from eal_actors.wire.security.revocation import revoke, revoked_names

@@ -16,10 +16,9 @@ from eal_actors.device.data import EALData, Payload
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import BusyError, EALError, ResourceFaultError, error_text
 from eal_actors.wire.format.messages import Answer, RobotTime, encode_reply, encode_status, encode_value
-from eal_actors.wire.rpc.server.controller_memories import ControllerMemories
 from eal_actors.wire.rpc.server.outbox import Outbox
 from eal_actors.wire.rpc.server.running_commands import ReplyTo
-from eal_actors.wire.shared_memory import LEAST_BYTES, SharedValue
+from eal_actors.wire.shared_memory import LEAST_BYTES, ControllerMemories, SharedValue
 
 
 class Replies:

@@ -7,6 +7,8 @@ before it, and a release, which must take effect before the controller's next co
 
 from __future__ import annotations
 
+import threading
+from collections import OrderedDict, deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
@@ -15,21 +17,24 @@ from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.robot_view import RobotState, release
 from eal_actors.device.info import ResourceInfo
 from eal_actors.kernel.clock import REAL_TIME
-from eal_actors.kernel.errors import DataError, EALError, ProtocolError, UnavailableError, error_text
+from eal_actors.kernel.errors import BusyError, DataError, EALError, ProtocolError, UnavailableError, error_text
 from eal_actors.managers.network_model import NetworkConfig
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import Answer, CallHeader, CallId, RobotEvent
 from eal_actors.wire.format.packing import MAX_ITEMS, pack
+from eal_actors.wire.rpc.call_arguments import check_texts
 from eal_actors.wire.rpc.server.admission import Admission
-from eal_actors.wire.rpc.server.controller_memories import ControllerMemories
 from eal_actors.wire.rpc.server.outbox import Outbox
-from eal_actors.wire.rpc.server.request_queue import RequestQueue
 from eal_actors.wire.rpc.server.running_commands import RunningCommands
 from eal_actors.wire.security.accept_guard import descriptor_warnings
 from eal_actors.wire.security.access import encode_rights
 from eal_actors.wire.security.expiry import certificate_warnings
+from eal_actors.wire.shared_memory import ControllerMemories
 from eal_actors.wire.streams.publisher import StreamPublisher
 
+MOST_WAITING: Final = 64
+"""Limit of the waiting calls of one certificate to one robot."""
+_MAX_TEXTS: Final = 16_384
 _MAX_TEXT: Final = 500
 """Characters of a plugin's text in each ping and handshake: one that does not fit would keep all controllers out."""
 
@@ -39,6 +44,49 @@ def require_handshake(infos: Sequence[ResourceInfo]) -> None:
     if len(infos) > MAX_ITEMS:
         raise DataError(f"cannot be served: it has {len(infos)} resources, more than the {MAX_ITEMS} of a handshake")
     pack([info.to_dict() for info in infos], "cannot be served: the information of its resources")
+
+
+class RequestQueue:
+    """Queue of calls of the robots themselves, each an action, which `run` runs after the timers that are due.
+
+    A handshake takes the thread longer than it takes a controller to send the next one. So the number of waiting calls
+    is bounded for each certificate, and certificates take turns: a flood by one of them delays another's call by one
+    call. Only one call at a time is in the host's mailbox, behind the timers that are due, so that a flood does not
+    delay a dead-man's switch. Thread: any.
+    """
+
+    def __init__(self, run: Callable[[Callable[[], None]], None]) -> None:
+        self._run = run
+        self._lock = threading.Lock()
+        self._waiting: OrderedDict[tuple[str, str], deque[Callable[[], None]]] = OrderedDict()
+        self._is_serving = False
+
+    def add(self, call: keys.CallKey, header: CallHeader, action: Callable[[], None]) -> None:
+        """Queue a call. Does not block.
+
+        Raises BusyError if too many calls of its certificate wait, and ProtocolError if its texts are too long.
+        """
+        check_texts(call.method, header.arguments, _MAX_TEXTS)
+        owner = call.robot, keys.certificate_id(header.client)
+        with self._lock:
+            waiting = self._waiting.setdefault(owner, deque())
+            if len(waiting) >= MOST_WAITING:
+                raise BusyError(f"{MOST_WAITING} calls of this certificate wait for the robot")
+            waiting.append(action)
+            is_first, self._is_serving = not self._is_serving, True
+        if is_first:
+            self._run(self._serve_next)
+
+    def _serve_next(self) -> None:
+        with self._lock:
+            owner, waiting = self._waiting.popitem(last=False)
+            action = waiting.popleft()
+            if waiting:
+                self._waiting[owner] = waiting  # behind the others
+            self._is_serving = has_more = bool(self._waiting)
+        if has_more:
+            self._run(self._serve_next)
+        action()
 
 
 class HostServices(NamedTuple):

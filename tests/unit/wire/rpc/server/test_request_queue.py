@@ -10,7 +10,7 @@ import pytest
 from eal_actors.kernel.errors import BusyError, ProtocolError
 from eal_actors.wire.format.keys import CallKey, client_id
 from eal_actors.wire.format.messages import CallHeader
-from eal_actors.wire.rpc.server.request_queue import MOST_WAITING, RequestQueue
+from eal_actors.wire.rpc.server.request_handler import MOST_WAITING, RequestQueue
 
 
 class Bench:
