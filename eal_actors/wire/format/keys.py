@@ -195,37 +195,30 @@ def parse_robot(key: str) -> tuple[str, str]:
 
 def parse_alive(key: str) -> tuple[str, str, int]:
     """Return the fleet, the robot and the version of the key of a token; ProtocolError if it is no such key."""
-    fleet, robot = parse_robot(key)
-    _, _, *kind, _ = key.split("/")
-    if len(kind) != 2 or kind[0] != ALIVE or not (kind[1].isascii() and kind[1].isdecimal()):
-        raise ProtocolError(f"key {key!r} is not {ROOT}/<fleet>/{ALIVE}/<version>/<robot>")
-    return fleet, robot, int(kind[1])
+    fleet, version, robot = _names(key, f"{ROOT}/<fleet>/{ALIVE}/<version>/<robot>")
+    if not (version.isascii() and version.isdecimal()):
+        raise ProtocolError(f"key {key!r}: {version!r} is no version")
+    return fleet, robot, int(version)
 
 
 def parse_server(key: str) -> tuple[str, str]:
     """Return the process and its name of the key of a server's token; ProtocolError if it is no such key."""
-    chunks = _split(key)
-    if len(chunks) != 6 or (chunks[0], chunks[2]) != (ROOT, SERVERS):
-        raise ProtocolError(f"key {key!r} is not {ROOT}/<fleet>/{SERVERS}/<robot>/<process>/<name>")
-    return _decode(chunks[4], key), _decode(chunks[5], key)
+    _, _, process, name = _names(key, f"{ROOT}/<fleet>/{SERVERS}/<robot>/<process>/<name>")
+    return process, name
 
 
 @lru_cache(maxsize=4096)
 def parse_heartbeat(key: str) -> tuple[str, str]:
     """Return the caller and the client of the key of a heartbeat; ProtocolError if it is no such key."""
-    chunks = _split(key)
-    if len(chunks) != 5 or (chunks[0], chunks[2]) != (ROOT, HEARTBEATS):
-        raise ProtocolError(f"key {key!r} is not {ROOT}/<fleet>/{HEARTBEATS}/<caller>/<client>")
-    return _decode(chunks[3], key), _decode(chunks[4], key)
+    _, caller, client = _names(key, f"{ROOT}/<fleet>/{HEARTBEATS}/<caller>/<client>")
+    return caller, client
 
 
 @lru_cache(maxsize=4096)
 def parse_route(key: str) -> CallRoute:
     """Return the route of a call by its key; ProtocolError if it is no such key."""
-    root, *chunks = _split(key)
-    if root != ROOT or len(chunks) != 6:
-        raise ProtocolError(f"key {key!r} is not {ROOT}/<fleet>/<robot>/<resource>/<method>/<caller>/<client>")
-    call = _checked_call(CallKey(*(_decode(chunk, key) for chunk in chunks)), key)
+    names = _names(key, f"{ROOT}/<fleet>/<robot>/<resource>/<method>/<caller>/<client>")
+    call = _checked_call(CallKey(*names), key)
     fleet, robot, _, _, caller, client = call
     return CallRoute(call, answer_key(fleet, caller, client, robot), client_id(caller, client), _is_reading(call))
 
@@ -254,10 +247,15 @@ def sender_of(key: str) -> str:
     return key.rpartition("/")[0].rpartition("/")[2]
 
 
-def _split(key: str) -> list[str]:
+def _names(key: str, shape: str) -> list[str]:
+    """Return the names of a key at the places `<...>` of its shape; ProtocolError if it has another shape."""
     if len(key) > _MAX_KEY:
         raise ProtocolError(f"a key of {len(key)} characters, more than {_MAX_KEY}")
-    return key.split("/")
+    chunks, places = key.split("/"), shape.split("/")
+    pairs = list(zip(chunks, places, strict=False))
+    if len(chunks) != len(places) or any(chunk != place and place[0] != "<" for chunk, place in pairs):
+        raise ProtocolError(f"key {key!r} is not {shape}")
+    return [_decode(chunk, key) for chunk, place in pairs if place[0] == "<"]
 
 
 def _encode(name: str) -> str:

@@ -26,9 +26,8 @@ from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import ACCEPTED, Answer, CallId, RobotEvent, RobotTime, decode_reply, encode_call
 from eal_actors.wire.rpc.call_arguments import is_small, split_arguments
 from eal_actors.wire.rpc.client.call_sender import EncodedCall
-from eal_actors.wire.rpc.client.channel import Channel
+from eal_actors.wire.rpc.client.channel import Channel, SentCall
 from eal_actors.wire.rpc.client.command_tracking import CommandTracker
-from eal_actors.wire.rpc.client.pending import SentCall
 from eal_actors.wire.rpc.sender import UrgentMessage
 from eal_actors.wire.shared_memory import LEAST_BYTES
 
@@ -55,6 +54,7 @@ class CallQueue(UrgentMessage):
 
     def __init__(self, channel: Channel, capacity: int) -> None:
         self._channel = channel
+        self._lose_all = channel.pending.lose_all
         self._name = channel.name
         self._controller = channel.controller
         self._second = channel.clock.of_real(1.0)
@@ -170,7 +170,7 @@ class CallQueue(UrgentMessage):
                 process, key = self._channel.process, encoded[2]
                 group = key if self._is_proven and process else process
                 # Named tuples are made by tuple.__new__ here: their own takes several times as long.
-                about = self._name, call.cell.name, call.method, *encoded, group, self._channel.pending
+                about = self._name, call.cell.name, call.method, *encoded, group, self._lose_all
                 self._sender.gather(tuple.__new__(EncodedCall, about), is_last=is_last)
 
     @override
@@ -196,7 +196,7 @@ class CallQueue(UrgentMessage):
         else:
             is_sent = self._controller.put(self._name, key, envelope, payload, is_urgent=call.stops)
         if not is_sent:
-            self._channel.pending.lose_all()
+            self._lose_all()
 
     def _encode(self, call: Call[Any]) -> tuple[bytes, Payload, str] | None:
         """Return a call's envelope, payload and key, and wait for its reply from now on; None if it is over."""
@@ -365,4 +365,4 @@ class CallQueue(UrgentMessage):
                 waiting.clear()
         for call in calls:
             call.fail(error.copy())
-        self._channel.pending.lose_all()
+        self._lose_all()

@@ -20,7 +20,6 @@ from typing_extensions import override
 from eal_actors.device.data import Payload
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.wire.format.batches import MAX_BATCH_BYTES, MAX_ROW_BYTES, MAX_ROWS, encode_batch
-from eal_actors.wire.rpc.client.pending import PendingCalls
 from eal_actors.wire.rpc.sender import Message, Sender
 
 WINDOW: Final = 256
@@ -81,7 +80,10 @@ class InFlightWindow:
 
 
 class EncodedCall(NamedTuple):
-    """A call that is ready to be sent. Calls of one group may be sent together; one without a group goes alone."""
+    """A call that is ready to be sent. Calls of one group may be sent together; one without a group goes alone.
+
+    `lose_all` is called if it cannot be sent: the calls to its robot get no replies.
+    """
 
     robot: str
     resource: str
@@ -90,7 +92,7 @@ class EncodedCall(NamedTuple):
     payload: Payload
     key: str
     group: str
-    pending: PendingCalls
+    lose_all: Callable[[], None]
 
 
 class CallSender(Sender):
@@ -154,4 +156,4 @@ class CallSender(Sender):
         is_sent = self._put(first.robot, first.key, envelope, payload, is_last=is_last)
         for call in calls:
             if not is_sent or not self._is_alive(call.robot):
-                call.pending.lose_all()
+                call.lose_all()

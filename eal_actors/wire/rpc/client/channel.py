@@ -1,19 +1,22 @@
 """Channel: the connection to one robot, shared by its call queue, its streams and requests to the robot itself.
 
-`PendingCalls` connects replies with calls, and ends calls that get none.
+A call and its reply are two publications that only the call's number connects. When no reply will come, the robot's
+liveliness token disappears or the call's time runs out; both end the call in `PendingCalls`. Each call ends once, since
+the thread that takes it out of the dictionary ends it.
 """
 
 from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Final, TypeVar
+from typing import Any, Final, NamedTuple, Protocol, TypeVar
 
 from typing_extensions import override
 
 from eal_actors.actors.actor import EALActor
+from eal_actors.actors.call import Call
 from eal_actors.actors.future import Future
 from eal_actors.actors.robot_view import RobotState, RobotView
 from eal_actors.device.data import EALData
@@ -21,9 +24,8 @@ from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import AccessDeniedError, DataError, EALError, UnavailableError
 from eal_actors.kernel.log import get_logger
 from eal_actors.wire.format import keys
-from eal_actors.wire.format.messages import Answer, Arguments, CallHeader, RobotTime, encode_call
+from eal_actors.wire.format.messages import Answer, Arguments, CallHeader, CallId, RobotTime, encode_call
 from eal_actors.wire.rpc.client.controller import Controller
-from eal_actors.wire.rpc.client.pending import PendingCalls
 from eal_actors.wire.rpc.client.ping import ClockTracker
 from eal_actors.wire.rpc.client.value_memory import ValueMemory
 from eal_actors.wire.rpc.freshness import Stamper
@@ -37,6 +39,75 @@ _GRACE_S: Final = 1.0
 
 ReadReply = Callable[[Answer, RobotTime | None, float, float], T]
 """Reads an answer. Arguments: answer, robot's clock if included, our clock (REAL_TIME) at sending and at the reply."""
+
+
+class PendingCall(Protocol):
+    """Call that waits for a reply. One of its three methods is called, once; none may block the readers' threads."""
+
+    @property
+    def end_s(self) -> float:
+        """Real time at which it times out."""
+
+    def answered(self, answer: Answer, time: RobotTime | None) -> None:
+        """Handle the answer and, if included, the robot's clock. Thread: a reader's."""
+
+    def lost(self) -> None:
+        """Handle that the robot is unreachable. Thread: any."""
+
+    def timed_out(self) -> None:
+        """Handle that its time is over. Thread: any."""
+
+
+class PendingCalls:
+    """Pending calls of one robot by their numbers, added before they are sent. Thread: any."""
+
+    def __init__(self) -> None:
+        self.calls: Final[dict[int, PendingCall]] = {}
+
+    def _take_all(self) -> Iterator[PendingCall]:
+        for number in list(self.calls):
+            call = self.calls.pop(number, None)
+            if call is not None:
+                yield call
+
+    def answer_all(self, answer: Answer, time: RobotTime | None) -> None:
+        """Pass a reply to all: the robot could not decode the number of its call."""
+        for call in self._take_all():
+            call.answered(answer, time)
+
+    def lose_all(self) -> None:
+        """Report all as lost: the robot is unreachable."""
+        for call in self._take_all():
+            call.lost()
+
+    def expire(self, now_s: float) -> None:
+        """Report those whose time is over at a real time."""
+        for number, call in list(self.calls.items()):
+            if call.end_s <= now_s and self.calls.pop(number, None) is not None:
+                call.timed_out()
+
+
+class SentCall(NamedTuple):
+    """Call of a resource's method that was sent; commands have an identifier. A PendingCall."""
+
+    queue: Any  # the CallQueue, which imports this module
+    call: Call[Any]
+    call_id: CallId | None
+    end_s: float
+
+    def answered(self, answer: Answer, time: RobotTime | None) -> None:
+        """Resolve the call."""
+        self.queue.conclude(self.call, self.call_id, answer, time)
+
+    def lost(self) -> None:
+        """Retry the call, or ask for its outcome."""
+        self.queue.window.answered(self.call)
+        self.queue.lose(self.call, self.call_id)
+
+    def timed_out(self) -> None:
+        """Fail the call."""
+        self.queue.window.answered(self.call)
+        self.queue.expire(self.call)
 
 
 class Channel:
