@@ -14,13 +14,13 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
+from eal_actors.kernel.throttled_log import ThrottledLog
 from eal_actors.operate.dashboard.access import Access
 from eal_actors.operate.dashboard.limits import MAX_BROWSERS
 from eal_actors.operate.dashboard.pages import INDEX, SECURITY_HEADERS, read_pages, report_headers
 from eal_actors.operate.dashboard.places import place_of
 from eal_actors.operate.dashboard.session import AppState, BrowserSession
 from eal_actors.operate.run_record import REPORT
-from eal_actors.wire.rpc.throttled_log import ThrottledLog
 
 
 class _Guard:

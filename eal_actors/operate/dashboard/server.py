@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Final, Self
 
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.throttled_log import ThrottledLog
 from eal_actors.operate.audit import AuditLog
 from eal_actors.operate.dashboard.access import Access
 from eal_actors.operate.dashboard.app import App
@@ -26,7 +27,6 @@ from eal_actors.operate.dashboard.teleop import SILENCE_S, Teleop
 from eal_actors.operate.dashboard.values import ValuePoller
 from eal_actors.operate.dashboard.web_server import WebServer, listen_at
 from eal_actors.operate.dashboard.world_map import world_map
-from eal_actors.wire.rpc.throttled_log import ThrottledLog
 
 DEFAULT_PORT: Final = 8080
 _ANYWHERE: Final = ("0.0.0.0", "::")  # noqa: S104  # compared with, not listened at

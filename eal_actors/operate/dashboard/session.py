@@ -18,6 +18,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
 from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import AccessDeniedError, ArgumentError, BusyError, EALError
 from eal_actors.kernel.log import get_logger
+from eal_actors.kernel.throttled_log import ThrottledLog
 from eal_actors.operate.audit import AuditLog
 from eal_actors.operate.dashboard import messages
 from eal_actors.operate.dashboard.access import Access, Role, Visitor
@@ -36,7 +37,6 @@ from eal_actors.operate.dashboard.notifier import Notifier
 from eal_actors.operate.dashboard.places import place_of
 from eal_actors.operate.dashboard.sign_in import SignIn
 from eal_actors.operate.dashboard.state_store import StateReader, StateStore
-from eal_actors.wire.rpc.throttled_log import ThrottledLog
 
 HELLO_S: Final = 5.0
 """Real seconds within which a browser must send its first message."""

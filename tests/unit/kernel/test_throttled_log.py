@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from structlog.testing import capture_logs
 
-from eal_actors.wire.rpc.throttled_log import PERIOD_S, ThrottledLog
+from eal_actors.kernel.throttled_log import PERIOD_S, ThrottledLog
 from tests.manual_clock import ManualClock
 
 
