@@ -70,15 +70,8 @@ class Outbox(Sender):
 
     def publish_from_here(self, key: str, envelope: bytes, payload: Payload, *, is_urgent: bool = False) -> None:
         """Send a message, or queue it while another thread is sending. Thread: one that may wait, see Message.send."""
-        if not self._put_lock.acquire(blocking=False):
+        if not self._put_here(key, envelope, payload, is_vital=True):
             self.publish(key, envelope, payload, is_urgent=is_urgent)
-            return
-        try:
-            if len(payload) > _LARGE_BYTES:
-                self._note_large()
-            self.transport.put(key, envelope, payload)
-        finally:
-            self._put_lock.release()
 
     def publish_briefly(self, key: str, envelope: bytes, payload: Payload, *, is_urgent: bool = False) -> None:
         """Send a message in this thread if that takes no time, else queue it.
@@ -90,19 +83,19 @@ class Outbox(Sender):
         """
         now_s = REAL_TIME.now()
         is_quiet = not (self.unsent or is_urgent or now_s < self._busy_until_s or self.transport.is_relayed)
-        is_sent = is_quiet and self._put_lock.acquire(blocking=False)
-        if is_sent:
-            try:
-                if len(payload) > _LARGE_BYTES:
-                    self._note_large()
-                self.transport.put(key, envelope, payload, is_vital=False)
-            finally:
-                self._put_lock.release()
+        is_sent = is_quiet and self._put_here(key, envelope, payload, is_vital=False)
         if not is_sent or REAL_TIME.now() - now_s >= _SLOW_PUT_S:
             self.publish(key, envelope, payload, is_urgent=is_urgent)
 
-    def _note_large(self) -> None:
-        self._busy_until_s = REAL_TIME.now() + _LARGE_PAUSE_S
+    def _put_here(self, key: str, envelope: bytes, payload: Payload, *, is_vital: bool) -> bool:
+        """Send a message unless another thread is sending; return whether it was sent."""
+        if not self._put_lock.acquire(blocking=False):
+            return False
+        try:
+            self._put(key, envelope, payload, is_vital=is_vital)
+        finally:
+            self._put_lock.release()
+        return True
 
     def _count(self, payload_bytes: int) -> None:
         if payload_bytes:  # most messages have none
@@ -112,24 +105,18 @@ class Outbox(Sender):
 
     def put(self, message: _OutgoingMessage, *, is_last: bool) -> None:
         """Send a queued message, after the one that is being sent unless it is urgent. Thread: see Message.send."""
+        key, envelope, payload = message.key, message.envelope, message.payload
         if message.is_urgent:
-            self._put(message, is_last=is_last)
+            self._put(key, envelope, payload, is_urgent=True, is_last=is_last, is_vital=message.is_vital)
             return
         with self._put_lock:
-            self._put(message, is_last=is_last)
-        self._count(-memoryview(message.payload).nbytes)
+            self._put(key, envelope, payload, is_last=is_last, is_vital=message.is_vital)
+        self._count(-memoryview(payload).nbytes)
 
-    def _put(self, message: _OutgoingMessage, *, is_last: bool) -> None:
-        if len(message.payload) > _LARGE_BYTES:
-            self._note_large()
-        self.transport.put(
-            message.key,
-            message.envelope,
-            message.payload,
-            is_urgent=message.is_urgent,
-            is_last=is_last,
-            is_vital=message.is_vital,
-        )
+    def _put(self, key: str, envelope: bytes, payload: Payload, **how: bool) -> None:
+        if len(payload) > _LARGE_BYTES:
+            self._busy_until_s = REAL_TIME.now() + _LARGE_PAUSE_S
+        self.transport.put(key, envelope, payload, **how)
 
 
 @dataclass(slots=True, eq=False)
