@@ -46,9 +46,11 @@ from typing import Final, Generic, NamedTuple, NoReturn, TypeVar
 from eal_actors.kernel.errors import StaleCommandError, UnavailableError
 from eal_actors.wire.format.keys import certificate_id
 from eal_actors.wire.format.messages import CallId, RobotTime
-from eal_actors.wire.rpc.clock_offset import MAX_DRIFT
 
 T = TypeVar("T")
+
+MAX_DRIFT: Final = 500e-6
+"""Drift of two clocks against each other, in seconds per second; quartz clocks stay well below."""
 
 _ROUNDING_S: Final = 1e-3
 """Tolerance for a sending time ahead of the robot's clock, for rounding."""

@@ -25,8 +25,8 @@ from eal_actors.kernel.errors import AccessDeniedError, DataError, EALError, Una
 from eal_actors.kernel.log import get_logger
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import Answer, Arguments, CallHeader, CallId, RobotTime, encode_call
+from eal_actors.wire.rpc.client.clock_offset import ClockTracker
 from eal_actors.wire.rpc.client.controller import Controller
-from eal_actors.wire.rpc.client.ping import ClockTracker
 from eal_actors.wire.rpc.client.value_memory import ValueMemory
 from eal_actors.wire.rpc.freshness import Stamper
 from eal_actors.wire.rpc.sender import UrgentMessage

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from eal_actors.device.info import METHODS, ResourceInfo
 from eal_actors.kernel.errors import EALError, ProtocolError, error_text
 from eal_actors.wire.format.messages import Answer
-from eal_actors.wire.rpc.client.ping import text_map
+from eal_actors.wire.rpc.client.clock_offset import text_map
 from eal_actors.wire.security.access import Rights
 
 

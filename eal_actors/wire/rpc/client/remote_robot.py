@@ -29,10 +29,10 @@ from eal_actors.wire.format.messages import Answer, RobotEvent, RobotTime
 from eal_actors.wire.format.packing import check_version
 from eal_actors.wire.rpc.client.call_queue import CallQueue
 from eal_actors.wire.rpc.client.channel import Channel
+from eal_actors.wire.rpc.client.clock_offset import PING_PERIOD_S, PING_TIMEOUT_S
 from eal_actors.wire.rpc.client.command_tracking import CommandBoard, localized_progress, progress_from
 from eal_actors.wire.rpc.client.controller import Controller, RobotListener
 from eal_actors.wire.rpc.client.handshake import Handshake
-from eal_actors.wire.rpc.client.ping import PING_PERIOD_S, PING_TIMEOUT_S
 from eal_actors.wire.streams.reader import RemoteFeeds
 
 CONNECT_S: Final = 3.0

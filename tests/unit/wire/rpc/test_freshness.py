@@ -10,8 +10,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 
 from eal_actors.kernel.errors import StaleCommandError, UnavailableError
 from eal_actors.wire.format.messages import CallId
-from eal_actors.wire.rpc.clock_offset import MAX_DRIFT
-from eal_actors.wire.rpc.freshness import CommandHistory, CommandRecord, Stamp, Stamper
+from eal_actors.wire.rpc.freshness import MAX_DRIFT, CommandHistory, CommandRecord, Stamp, Stamper
 
 ERA = "era"
 

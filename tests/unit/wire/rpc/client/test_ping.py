@@ -9,7 +9,7 @@ import pytest
 from eal_actors.actors.robot_view import Ping, RobotState
 from eal_actors.kernel.errors import ProtocolError, UnavailableError
 from eal_actors.wire.format.messages import Answer, RobotTime
-from eal_actors.wire.rpc.client.ping import ClockTracker
+from eal_actors.wire.rpc.client.clock_offset import ClockTracker
 
 ANSWER: dict[str, Any] = {
     "release": "1.2.3",

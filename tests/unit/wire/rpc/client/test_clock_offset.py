@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from eal_actors.kernel.errors import ProtocolError, UnavailableError
-from eal_actors.wire.rpc.clock_offset import MAX_DRIFT, Offset, OffsetEstimator
+from eal_actors.wire.rpc.client.clock_offset import Offset, OffsetEstimator
+from eal_actors.wire.rpc.freshness import MAX_DRIFT
 
 WAYS_S = st.sampled_from([0.0, 1e-4, 0.002, 0.05, 1.5])
 SIZE = 4
