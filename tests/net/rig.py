@@ -22,7 +22,6 @@ from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.errors import DeadlineError, EALError, UnavailableError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.wire.rpc.sender import Message
 from tests.net.links import eventually, free_port
 
 PLUGINS = Path(__file__).parent / "plugins"
@@ -347,18 +346,8 @@ def outlast_ttl(robot: RobotHandle) -> None:
     assert isinstance(error, DeadlineError | UnavailableError), repr(error)
 
 
-class _Hold(Message):
-    """A message that keeps the sender until the event is set, as a stalled link does; no caller sends its own call."""
-
-    def __init__(self, gate: threading.Event) -> None:
-        self._gate = gate
-
-    def send(self, *, is_last: bool) -> None:
-        self._gate.wait(WAIT_S)
-
-
 def hold_calls(robot: RobotHandle) -> threading.Event:
     """Hold the outgoing calls to a robot's fleet back until the event is set."""
     gate = threading.Event()
-    robot._actor._controller.sender.submit(_Hold(gate))  # type: ignore[attr-defined]
+    robot._actor._controller.sender.submit(lambda _: gate.wait(WAIT_S))  # type: ignore[attr-defined]
     return gate

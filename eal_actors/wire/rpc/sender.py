@@ -5,8 +5,8 @@ A thread per robot would be woken for each message, and a hundred threads would 
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections import deque
+from collections.abc import Callable
 from typing import Final
 
 from typing_extensions import override
@@ -16,57 +16,34 @@ from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import EALError, error_text
 from eal_actors.kernel.log import get_logger
 
-
-class Message(ABC):
-    """Message to send; it is its own envelope in the sender's mailbox."""
-
-    __slots__ = ()
-
-    reply_to = None
-
-    @property
-    def message(self) -> Message:
-        """The message itself; see Envelope."""
-        return self
-
-    @abstractmethod
-    def send(self, *, is_last: bool) -> None:
-        """Send the message; raises nothing.
-
-        The last one has no message behind it, so it must not be held back for a batch. Thread: one that may wait for a
-        link; blocks while that is full, at most until the engine closes it.
-        """
-
-
-class UrgentMessage(Message):
-    """Message that another message's stalled link must not delay."""
-
-    __slots__ = ()
-
-    @abstractmethod
-    def bypass(self) -> None:
-        """Send it by another thread unless it has been sent. Thread: any; does not block."""
+Send = Callable[[bool], None]
+"""Sends a message; raises nothing. It gets whether the message is the last: then none is behind it, so it must not be
+held back for a batch. Thread: one that may wait for a link; blocks while that is full, at most until the engine closes
+it."""
 
 
 class Sender(EALActor):
-    """Sends messages in the order of their submission; `unsent` are those to come. Thread: an actor; any may submit."""
+    """Sends messages in the order of their submission. Thread: an actor; any may submit.
+
+    `unsent` are the messages to come, the one that is being sent first.
+    """
 
     def __init__(self, name: str) -> None:
         super().__init__(name, REAL_TIME)
-        self.unsent: Final = deque[Message]()
+        self.unsent: Final = deque[Send]()
 
-    def submit(self, message: Message) -> bool:
+    def submit(self, send: Send) -> bool:
         """Queue a message; returns False if the sender has ended. Thread: any; does not block."""
-        self.unsent.append(message)
+        self.unsent.append(send)
         try:
-            self.actor_inbox.put_urgent(message, bounded=False)
+            self.actor_inbox.call_soon(self.send_next)
         except EALError:
             return False
         return True
 
-    @override
-    def on_receive(self, message: Message) -> None:
-        message.send(is_last=self.actor_inbox.empty())
+    def send_next(self) -> None:
+        """Send the next message."""
+        self.unsent[0](self.actor_inbox.empty())
         self.unsent.popleft()
 
     @override

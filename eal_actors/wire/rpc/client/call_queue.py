@@ -14,8 +14,6 @@ from collections import defaultdict, deque
 from collections.abc import Callable
 from typing import Any, Final, NoReturn
 
-from typing_extensions import override
-
 from eal_actors.actors.call import Call
 from eal_actors.actors.inbox import Envelope
 from eal_actors.device.data import EALData, Payload
@@ -28,7 +26,6 @@ from eal_actors.wire.rpc.call_arguments import is_small, split_arguments
 from eal_actors.wire.rpc.client.call_sender import EncodedCall
 from eal_actors.wire.rpc.client.channel import Channel, SentCall
 from eal_actors.wire.rpc.client.command_tracking import CommandTracker
-from eal_actors.wire.rpc.sender import UrgentMessage
 from eal_actors.wire.shared_memory import LEAST_BYTES
 
 AT_ONCE: Final = 128
@@ -45,7 +42,7 @@ _RECONNECT_S: Final = 1.0
 """Real seconds within which a lost robot may come back and be asked again."""
 
 
-class CallQueue(UrgentMessage):
+class CallQueue:
     """Outgoing calls to one robot. It takes the place of the resources' actors and their mailboxes.
 
     `capacity` limits the pending calls to one resource. `tracker` has our commands whose outcome has not arrived,
@@ -103,7 +100,7 @@ class CallQueue(UrgentMessage):
             if not sends:
                 self._normal.append(envelope)
         if not sends:
-            sender.submit(self)
+            sender.submit(self._send_next)
             return
         try:
             self._send(envelope)
@@ -128,9 +125,9 @@ class CallQueue(UrgentMessage):
                     dropped.append(call)
             self._urgent.append(envelope)
         if envelope.stops:
-            self._controller.send_urgently(self)
+            self._controller.send_urgently(self._send_next, self._bypass)
         else:
-            self._controller.sender.submit(self)
+            self._sender.submit(self._send_next)
         return dropped
 
     def _admit(self, call: Call[Any]) -> None:
@@ -155,8 +152,7 @@ class CallQueue(UrgentMessage):
 
     # Sending.
 
-    @override
-    def send(self, *, is_last: bool) -> None:
+    def _send_next(self, is_last: bool) -> None:
         with self._sending:
             with self._lock:
                 waiting = self._urgent or self._normal
@@ -173,8 +169,7 @@ class CallQueue(UrgentMessage):
                 about = self._name, call.cell.name, call.method, *encoded, group, self._lose_all
                 self._sender.gather(tuple.__new__(EncodedCall, about), is_last=is_last)
 
-    @override
-    def bypass(self) -> None:
+    def _bypass(self) -> None:
         if self._urgent:
             self._channel.run_soon(self._send_urgent)
 

@@ -20,7 +20,7 @@ from typing_extensions import override
 from eal_actors.device.data import Payload
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.wire.format.batches import MAX_BATCH_BYTES, MAX_ROW_BYTES, MAX_ROWS, encode_batch
-from eal_actors.wire.rpc.sender import Message, Sender
+from eal_actors.wire.rpc.sender import Sender
 
 WINDOW: Final = 256
 """Unanswered calls at which the sender waits."""
@@ -115,7 +115,7 @@ class CallSender(Sender):
         self.has_crowd = False
 
     @override
-    def on_receive(self, message: Message) -> None:
+    def send_next(self) -> None:
         if not self._is_gathering:
             self.window.wait_for_replies()
             self._is_gathering = True
@@ -123,7 +123,7 @@ class CallSender(Sender):
             self.flush()
             self.window.wait_for_room()
         is_last = self.actor_inbox.empty()
-        message.send(is_last=is_last)
+        self.unsent[0](is_last)
         self.unsent.popleft()
         if is_last:
             self.flush()

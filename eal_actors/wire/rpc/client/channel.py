@@ -13,8 +13,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple, Protocol, TypeVar
 
-from typing_extensions import override
-
 from eal_actors.actors.actor import EALActor
 from eal_actors.actors.call import Call
 from eal_actors.actors.future import Future
@@ -29,7 +27,6 @@ from eal_actors.wire.rpc.client.clock_offset import ClockTracker
 from eal_actors.wire.rpc.client.controller import Controller
 from eal_actors.wire.rpc.client.value_memory import ValueMemory
 from eal_actors.wire.rpc.freshness import Stamper
-from eal_actors.wire.rpc.sender import UrgentMessage
 from eal_actors.wire.security.access import Rights
 
 T = TypeVar("T")
@@ -224,13 +221,13 @@ class Channel:
         is_urgent = method in (keys.STOP, keys.RESUME)
         request = _Request(self, key, number, envelope, timeout_s, on_answer, on_failure, is_urgent)
         if is_urgent:
-            controller.send_urgently(request)
-        elif not controller.sender.submit(request):
+            controller.send_urgently(request.send, request.bypass)
+        elif not controller.sender.submit(request.send):
             on_failure()
 
 
 @dataclass(eq=False)
-class _Request(UrgentMessage):
+class _Request:
     """Call of a method of the robot itself, with the clock readings that its reply needs.
 
     `timeout_s` is the time-out of the reply. `on_answer` is called with the answer in the reader's thread, or
@@ -249,8 +246,7 @@ class _Request(UrgentMessage):
     _sent_s: float = field(default=0.0, init=False)
     end_s: float = field(default=math.inf, init=False)
 
-    @override
-    def send(self, *, is_last: bool) -> None:
+    def send(self, is_last: bool) -> None:
         if not self._is_taken.acquire(blocking=False):
             return
         channel = self.channel
@@ -263,10 +259,9 @@ class _Request(UrgentMessage):
         if not controller.put(channel.name, self.key, self.envelope, b"", is_urgent=self.is_urgent, is_last=is_last):
             channel.pending.lose_all()
 
-    @override
     def bypass(self) -> None:
         if not self._is_taken.locked():
-            self.channel.run_soon(lambda: self.send(is_last=True))
+            self.channel.run_soon(lambda: self.send(True))
 
     def answered(self, answer: Answer, time: RobotTime | None) -> None:
         self.on_answer(answer, time, self._sent_s, REAL_TIME.now())

@@ -35,7 +35,7 @@ from eal_actors.wire.local_link import LocalLinks
 from eal_actors.wire.rpc.client.call_sender import CallSender
 from eal_actors.wire.rpc.client.discovery import ForeignRobots
 from eal_actors.wire.rpc.client.value_memory import MemorySharing
-from eal_actors.wire.rpc.sender import Sender, UrgentMessage
+from eal_actors.wire.rpc.sender import Send, Sender
 from eal_actors.wire.security.expiry import certificate_warnings
 from eal_actors.wire.security.key_watch import WATCH_PERIOD_S, KeyWatch
 from eal_actors.wire.session import controller_config, open_session
@@ -135,10 +135,13 @@ class Controller(EALActor):
         """Mailbox with the timers of all robots' deadlines, so that calls to many robots share one alarm."""
         return self._callbacks.actor_inbox
 
-    def send_urgently(self, message: UrgentMessage) -> None:
-        """Send a message before all queued ones, even while a link is stalled. Thread: any; does not block."""
-        self._urgent_sender.submit(message)
-        self.timekeeper.call_later(self.clock.of_real(_BYPASS_S), message.bypass)
+    def send_urgently(self, send: Send, bypass: Callable[[], None]) -> None:
+        """Send a message before all queued ones, even while a link is stalled. Thread: any; does not block.
+
+        `bypass` has it sent by another thread, unless it was sent by then.
+        """
+        self._urgent_sender.submit(send)
+        self.timekeeper.call_later(self.clock.of_real(_BYPASS_S), bypass)
 
     def run_later(self, action: Callable[[], None]) -> None:
         """Run callbacks of a reply outside the readers' threads. Thread: any; does not block."""

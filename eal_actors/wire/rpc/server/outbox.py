@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import math
 import threading
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Final, Self
 
 from typing_extensions import override
@@ -18,7 +19,7 @@ from typing_extensions import override
 from eal_actors.device.data import Payload
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.wire.format.batches import MAX_ROW_BYTES, encode_batch
-from eal_actors.wire.rpc.sender import Message, Sender
+from eal_actors.wire.rpc.sender import Sender
 from eal_actors.wire.transport import Transport
 
 _LARGE_BYTES: Final = 32 * 1024
@@ -61,15 +62,14 @@ class Outbox(Sender):
         self, key: str, envelope: bytes, payload: Payload, *, is_vital: bool = True, is_urgent: bool = False
     ) -> None:
         """Queue a message; a full link drops it unless it is vital. Thread: any; does not block."""
-        message = _OutgoingMessage(self, key, envelope, payload, is_vital=is_vital, is_urgent=is_urgent)
         if is_urgent:
-            self.urgent.submit(message)
+            self.urgent.submit(partial(self._put, key, envelope, payload, is_vital, True))
         else:
             self._count(memoryview(payload).nbytes)
-            self.submit(message)
+            self.submit(partial(self.put, key, envelope, payload, is_vital))
 
     def publish_from_here(self, key: str, envelope: bytes, payload: Payload, *, is_urgent: bool = False) -> None:
-        """Send a message, or queue it while another thread is sending. Thread: one that may wait, see Message.send."""
+        """Send a message, or queue it while another thread is sending. Thread: one that may wait, see Send."""
         if not self._put_here(key, envelope, payload, is_vital=True):
             self.publish(key, envelope, payload, is_urgent=is_urgent)
 
@@ -92,7 +92,7 @@ class Outbox(Sender):
         if not self._put_lock.acquire(blocking=False):
             return False
         try:
-            self._put(key, envelope, payload, is_vital=is_vital)
+            self._put(key, envelope, payload, is_vital)
         finally:
             self._put_lock.release()
         return True
@@ -103,41 +103,22 @@ class Outbox(Sender):
                 self._backlog_bytes += payload_bytes
                 self.is_full = self._backlog_bytes >= MAX_BACKLOG_BYTES
 
-    def put(self, message: _OutgoingMessage, *, is_last: bool) -> None:
-        """Send a queued message, after the one that is being sent unless it is urgent. Thread: see Message.send."""
-        key, envelope, payload = message.key, message.envelope, message.payload
-        if message.is_urgent:
-            self._put(key, envelope, payload, is_urgent=True, is_last=is_last, is_vital=message.is_vital)
-            return
+    def put(self, key: str, envelope: bytes, payload: Payload, is_vital: bool, is_last: bool) -> None:
+        """Send a queued message, after the one that is being sent. Thread: see Send."""
         with self._put_lock:
-            self._put(key, envelope, payload, is_last=is_last, is_vital=message.is_vital)
+            self._put(key, envelope, payload, is_vital, False, is_last)
         self._count(-memoryview(payload).nbytes)
 
-    def _put(self, key: str, envelope: bytes, payload: Payload, **how: bool) -> None:
+    def _put(
+        self, key: str, envelope: bytes, payload: Payload, is_vital: bool, is_urgent: bool = False, is_last: bool = True
+    ) -> None:
         if len(payload) > _LARGE_BYTES:
             self._busy_until_s = REAL_TIME.now() + _LARGE_PAUSE_S
-        self.transport.put(key, envelope, payload, **how)
+        self.transport.put(key, envelope, payload, is_urgent=is_urgent, is_last=is_last, is_vital=is_vital)
 
 
 @dataclass(slots=True, eq=False)
-class _OutgoingMessage(Message):
-    """Reply or event."""
-
-    outbox: Outbox
-    key: str
-    envelope: bytes
-    payload: Payload
-    _: KW_ONLY
-    is_vital: bool = True
-    is_urgent: bool = False
-
-    @override
-    def send(self, *, is_last: bool) -> None:
-        self.outbox.put(self, is_last=is_last)
-
-
-@dataclass(slots=True, eq=False)
-class ReplyBatch(Message):
+class ReplyBatch:
     """Replies to the calls of one batch, with one key, which an outbox sends."""
 
     outbox: Outbox
@@ -153,11 +134,10 @@ class ReplyBatch(Message):
             self._rows.append((robot, envelope, payload))
             is_first = len(self._rows) == 1
         if is_first:
-            self.outbox.submit(self)
+            self.outbox.submit(self._send)
         return True
 
-    @override
-    def send(self, *, is_last: bool) -> None:
+    def _send(self, is_last: bool) -> None:
         with self._lock:
             rows, self._rows = self._rows, []
-        self.outbox.put(_OutgoingMessage(self.outbox, self.key, encode_batch(rows), b""), is_last=is_last)
+        self.outbox.put(self.key, encode_batch(rows), b"", True, is_last)
