@@ -71,10 +71,16 @@ class EALActor(pykka.ThreadingActor):
         self._start_actor_loop()
         return self
 
+    def run_soon(self, action: Callable[[], object]) -> None:
+        """Run an action after the urgent messages that wait; discard it if stopped. Thread: any; never blocks."""
+        try:
+            self.actor_inbox.call_soon(action)
+        except EALError:
+            get_logger().debug("an actor has stopped; an action is discarded", actor=self.name)
+
     def end_soon(self) -> None:
-        """Stop after the urgent messages that wait already. Thread: any; does not block."""
-        with contextlib.suppress(EALError):  # it has stopped
-            self.actor_inbox.call_soon(self._stop)
+        """Stop after the urgent messages that wait already. Thread: any; never blocks."""
+        self.run_soon(self._stop)
 
     @override
     def _start_actor_loop(self) -> None:
@@ -167,8 +173,7 @@ class EALActor(pykka.ThreadingActor):
         except (KeyboardInterrupt, AbandonedThread):  # they are meant for the caller
             raise
         except BaseException as error:  # noqa: BLE001  # a plugin may raise anything, which crashes its actor alone
-            with contextlib.suppress(EALError):  # it has stopped
-                self.actor_inbox.call_soon(partial(self.crash, error))
+            self.run_soon(partial(self.crash, error))
 
     def crash(self, error: BaseException) -> None:
         """Stop this actor because of an error and report it. Thread: the actor's own."""

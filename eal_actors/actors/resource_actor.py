@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import contextvars
 import math
 import types
@@ -166,13 +165,11 @@ class ResourceActor(ReadinessActor):
         """Halt before everything that waits; a resource that has nothing to halt is not woken. Thread: any."""
         resource = self.resource
         if resource is not None and type(resource).halt is not Resource.halt:
-            with contextlib.suppress(EALError):  # it has stopped already
-                self.actor_inbox.call_soon(lambda: self.guarded(lambda: self._halt(_ENDS)))
+            self.run_soon(lambda: self.guarded(lambda: self._halt(_ENDS)))
 
     def shut_down(self) -> None:
         """Halt, close and stop, before everything that waits. Thread: any; does not block."""
-        with contextlib.suppress(EALError):  # it has stopped already
-            self.actor_inbox.call_soon(self._shut_down)
+        self.run_soon(self._shut_down)
 
     def _shut_down(self) -> None:
         self.actor_stopped.set()
@@ -363,8 +360,7 @@ class ResourceActor(ReadinessActor):
 
     def stop_activity_of(self, call: Call[Any]) -> None:
         """Stop the activity of a call that nobody waits for. Thread: any; does not block."""
-        with contextlib.suppress(EALError):  # it has stopped, and everything with it
-            self.actor_inbox.call_soon(lambda: self._give_up(call))
+        self.run_soon(lambda: self._give_up(call))
 
     def _give_up(self, call: Call[Any]) -> None:
         self._scheduled.discard(call)

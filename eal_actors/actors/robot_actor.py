@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import threading
 from collections.abc import Callable, Sequence
@@ -82,9 +81,9 @@ class RobotActor(EALActor, RobotConnection):
         self._starting: set[str] = set()
         self._intensity = RestartIntensity(spec.max_restarts, spec.restart_window_s)
         self._callbacks = ResourceCallbacks(
-            up=lambda actor, info: self._soon(lambda: self._on_up(actor, info)),
+            up=lambda actor, info: self.run_soon(lambda: self._on_up(actor, info)),
             ready=self._note_readiness,
-            down=lambda actor, error: self._soon(lambda: self._on_down(actor, error)),
+            down=lambda actor, error: self.run_soon(lambda: self._on_down(actor, error)),
             watch=self._watch,
         )
         self._stopping = False
@@ -133,10 +132,6 @@ class RobotActor(EALActor, RobotConnection):
             self._threads.append(actor.thread)
 
     # Reports of the children.
-
-    def _soon(self, action: Callable[[], None]) -> None:
-        with contextlib.suppress(EALError):  # the robot has ended
-            self.actor_inbox.call_soon(action)
 
     def _on_up(self, actor: ResourceActor, info: ResourceInfo) -> None:
         name = actor.cell.name
@@ -301,7 +296,7 @@ class RobotActor(EALActor, RobotConnection):
 
     @override
     def shut_down(self) -> None:
-        self._soon(self._shut_down)
+        self.run_soon(self._shut_down)
 
     def _shut_down(self) -> None:
         if self._stopping:
@@ -313,7 +308,7 @@ class RobotActor(EALActor, RobotConnection):
 
     @override
     def force_down(self) -> None:
-        self._soon(self._force_down)
+        self.run_soon(self._force_down)
 
     def _force_down(self) -> None:
         self._stopping = True

@@ -77,7 +77,7 @@ class StreamPublisher(EALActor):
         with self._starting:
             if self.thread is None:
                 self.launch()
-        self._run_soon(lambda: self._renew(key, handle, spec, header.client, lease_s))
+        self.run_soon(lambda: self._renew(key, handle, spec, header.client, lease_s))
 
     def _check_room(self, key: str, client: str) -> None:
         """Raise BusyError if the certificate of a client reads too many streams, or the stream too often."""
@@ -92,20 +92,14 @@ class StreamPublisher(EALActor):
     def leave(self, client: str) -> None:
         """End all leases of a controller. Thread: any."""
         if self.thread is not None:
-            self._run_soon(lambda: self._forget(client))
+            self.run_soon(lambda: self._forget(client))
 
     def close(self) -> None:
         """End every stream. Thread: blocks the caller, for a bounded time."""
         if self.thread is not None:
-            self._run_soon(self._stop)
+            self.run_soon(self._stop)
             with self.clock.outside():
                 self.thread.join(_JOIN_S)
-
-    def _run_soon(self, action: Callable[[], None]) -> None:
-        try:
-            self.actor_inbox.call_soon(action)
-        except EALError:
-            self._log.debug("the streams have ended; an action is discarded")
 
     # In its own thread.
 
@@ -151,7 +145,7 @@ class StreamPublisher(EALActor):
 
     def publish(self, stream: _PublishedStream) -> None:
         """Send the newest value of a stream. Thread: any; does not block."""
-        self._run_soon(lambda: self._publish(stream))
+        self.run_soon(lambda: self._publish(stream))
 
     def _publish(self, stream: _PublishedStream) -> None:
         item = stream.take()

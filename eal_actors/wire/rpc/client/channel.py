@@ -20,7 +20,6 @@ from eal_actors.actors.robot_view import RobotState, RobotView
 from eal_actors.device.data import EALData
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import AccessDeniedError, DataError, EALError, UnavailableError
-from eal_actors.kernel.log import get_logger
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import Answer, Arguments, CallHeader, CallId, RobotTime, encode_call
 from eal_actors.wire.rpc.client.clock_offset import ClockTracker
@@ -112,6 +111,7 @@ class Channel:
 
     Attributes:
         inbox: mailbox and timers of the connection's actor.
+        run_soon: runs an action in the thread of that actor, see EALActor.run_soon.
         stamper: numbers calls and stamps commands.
         rights: calls that the robot grants; None for all.
         process: the process that serves the robot, for batches; empty if it takes none.
@@ -121,6 +121,7 @@ class Channel:
         self.name: Final = view.name
         self.clock: Final = actor.clock
         self.inbox: Final = actor.actor_inbox
+        self.run_soon: Final = actor.run_soon
         self.controller: Final = controller
         self.clock_tracker: Final = ClockTracker()
         self.stamper: Final = Stamper(controller.client)
@@ -134,13 +135,6 @@ class Channel:
     def is_ready(self) -> bool:
         """Whether the robot is reachable and the handshake is done."""
         return self._view.state is RobotState.READY and self.controller.is_alive(self.name)
-
-    def run_soon(self, action: Callable[[], None]) -> None:
-        """Run an action in the connection's thread unless the connection has ended."""
-        try:
-            self.inbox.call_soon(action)
-        except EALError:
-            get_logger(robot=self.name).debug("the connection has ended; an action is discarded")
 
     def to_robot_time(self, start_s: float | None, data: EALData | None) -> tuple[float | None, EALData | None]:
         """Return a start time and a value with its stamp, both by our fleet's clock, by the robot's clock instead.

@@ -8,7 +8,6 @@ While the session is opened again, all robots count as lost.
 
 from __future__ import annotations
 
-import contextlib
 import math
 import secrets
 import threading
@@ -230,8 +229,7 @@ class Controller(EALActor):
     def shut_down(self) -> None:
         """Close the session, and end. Thread: any; does not block."""
         self._is_ending = True
-        with contextlib.suppress(EALError):  # it has ended
-            self.actor_inbox.call_soon(self._stop)
+        self.end_soon()
 
     @override
     def on_stop(self) -> None:
