@@ -18,7 +18,7 @@ from eal_actors.managers.fleet_changes import FleetChanges
 from eal_actors.managers.fleet_model import FleetConfig, RobotConfig
 from eal_actors.managers.network_check import no_lock_step
 from eal_actors.managers.plugins import EALPluginManager
-from eal_actors.wire.engine_memory import limit_heaps
+from eal_actors.wire.engine_setup import limit_heaps
 from eal_actors.wire.rpc.client.controller import Controller
 from eal_actors.wire.rpc.client.remote_robot import RemoteRobot
 

@@ -18,7 +18,7 @@ from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_changes import FleetChanges
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER
-from eal_actors.wire.engine_memory import limit_heaps
+from eal_actors.wire.engine_setup import limit_heaps
 from eal_actors.wire.rpc.server.host import RobotHost
 from eal_actors.wire.rpc.server.robot_server import RobotServer
 from eal_actors.wire.session import endpoints_of, robot_config

@@ -26,8 +26,7 @@ from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER, DEFAULT_NETWORK, NetworkConfig, parse_endpoint
 from eal_actors.wire.engine_exit import close_at_exit, start_thread
-from eal_actors.wire.engine_memory import limit_heaps, return_buffers
-from eal_actors.wire.engine_threads import share_threads
+from eal_actors.wire.engine_setup import limit_heaps, return_buffers, share_threads
 from eal_actors.wire.format.packing import MAX_ENVELOPE_BYTES, MAX_PAYLOAD_BYTES
 from eal_actors.wire.link_watch import Link, hang_up, watching
 from eal_actors.wire.security.accept_guard import ROBOT_STRANGERS, ROUTER_STRANGERS, guarding, raise_file_limit

@@ -32,7 +32,7 @@ import zenoh
 
 from eal_actors import Fleet
 from eal_actors.kernel.clock import REAL_TIME
-from eal_actors.wire.engine_threads import share_threads
+from eal_actors.wire.engine_setup import share_threads
 from eal_actors.wire.format import keys
 from tests.benchmarks import local_floor
 from tests.benchmarks.least import LeastController, LeastRobot

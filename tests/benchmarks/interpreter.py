@@ -25,7 +25,7 @@ from typing import Any, Final
 
 from eal_actors import Fleet
 from eal_actors.device.data import EALData
-from eal_actors.wire.engine_threads import share_threads
+from eal_actors.wire.engine_setup import share_threads
 from eal_actors.wire.format.messages import decode_call, decode_reply, encode_call, encode_value
 from tests.benchmarks import account, floor
 from tests.benchmarks.network_host import fleet_of, serving
@@ -36,7 +36,7 @@ from tests.net.links import free_port
 BEGIN: Final = "<!-- written by python -m tests.benchmarks.interpreter: begin -->"
 CALLS: Final = 300
 _PACKAGE: Final = os.sep + "eal_actors" + os.sep
-_WATCHES: Final = ("own_sockets.py", "link_watch.py", "accept_guard.py", "memory_room.py")
+_WATCHES: Final = ("own_sockets.py", "link_watch.py", "accept_guard.py")
 """Modules that run by themselves, beside the calls."""
 _PYTHON: Final = (
     "handle, checks, header",

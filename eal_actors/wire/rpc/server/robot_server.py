@@ -46,10 +46,9 @@ from eal_actors.wire.format.parts import sequence_at
 from eal_actors.wire.local_link import LocalLink
 from eal_actors.wire.rpc.call_arguments import check_arguments, check_request, is_stop, start_call
 from eal_actors.wire.rpc.server.admission import Admission
-from eal_actors.wire.rpc.server.outbox import ReplyBatch
-from eal_actors.wire.rpc.server.replies import Replies
+from eal_actors.wire.rpc.server.outbox import Replies, ReplyBatch, ReplyTo
 from eal_actors.wire.rpc.server.request_handler import HostServices, RequestHandler
-from eal_actors.wire.rpc.server.running_commands import ReplyTo, RunningCommands, ServedCommand
+from eal_actors.wire.rpc.server.running_commands import RunningCommands, ServedCommand
 from eal_actors.wire.rpc.server.server_tokens import ServerTokens
 from eal_actors.wire.security.access import Rights, encode_rights
 from eal_actors.wire.shared_memory import ControllerMemories

@@ -11,7 +11,7 @@ import math
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from eal_actors.actors.call import Call
 from eal_actors.actors.robot_view import command_of
@@ -19,8 +19,7 @@ from eal_actors.device.resource import Progress
 from eal_actors.kernel.errors import BusyError
 from eal_actors.wire.format.messages import CallId
 from eal_actors.wire.format.packing import MAX_CALL_BYTES
-from eal_actors.wire.local_link import LocalLink
-from eal_actors.wire.rpc.server.outbox import ReplyBatch
+from eal_actors.wire.rpc.server.outbox import ReplyTo
 
 PROGRESS_PERIOD_S: Final = 0.25
 """Least real seconds between two progress events of one command."""
@@ -30,20 +29,6 @@ _SMALL_BYTES: Final = 4096
 """Size up to which a value needs no room: the places of the mailboxes bound these."""
 _MAX_VALUE_BYTES: Final = 2 * MAX_CALL_BYTES
 """Limit of the values of all commands of a robot that have not ended."""
-
-
-class ReplyTo(NamedTuple):
-    """Address of a reply; an urgent one overtakes queued messages.
-
-    Replies to the calls of one batch gather in `batch`; None for a call that came alone. `link` is the local link that
-    the call came by; None for the engine.
-    """
-
-    key: str
-    sequence: int
-    is_urgent: bool = False
-    batch: ReplyBatch | None = None
-    link: LocalLink | None = None
 
 
 @dataclass(eq=False, slots=True)
