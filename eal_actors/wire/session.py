@@ -60,6 +60,7 @@ _TLS_HANDSHAKE_MS: Final = 20_000
 each TLS handshake that fails: while strangers fail faster than that, nobody's is finished in a shorter time. And an
 engine's handshake that is cut off near its end leaves a link that is not read (link_watch), as 2 s did on slow boards.
 """
+_TLS_OPTIONS: Final = f"#tls_handshake_timeout_ms={_TLS_HANDSHAKE_MS}"
 _DIAL_TIMEOUT_MS: Final = 10_000
 """Time-out of a dial, the engine's default."""
 _ROUTER_DIAL_TIMEOUT_MS: Final = _HANDSHAKE_MS
@@ -155,11 +156,6 @@ def endpoints_of(config: dict[str, Any]) -> tuple[str, ...]:
     return (*(text.partition("#")[0] for text in config["listen"]["endpoints"]), *config["connect"]["endpoints"])
 
 
-def _listening(endpoint: str) -> str:
-    """Return an endpoint to listen at, with the time-out of its TLS handshakes."""
-    return f"{endpoint}#tls_handshake_timeout_ms={_TLS_HANDSHAKE_MS}" if endpoint.startswith("tls/") else endpoint
-
-
 def _retry(ends: int, protocols: Sequence[str]) -> dict[str, Any]:
     """Return how often absent ends are dialled: at a constant rate, so that a restarted robot is back at once.
 
@@ -185,7 +181,7 @@ def _config(
             "delay": 1,  # ms that opening waits for absent peers
         },
         "listen": {
-            "endpoints": [_listening(endpoint) for endpoint in listen],
+            "endpoints": [f"{it}{_TLS_OPTIONS if it.startswith('tls/') else ''}" for it in listen],
             "timeout_ms": 0,
             "exit_on_failure": True,
         },

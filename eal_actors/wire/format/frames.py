@@ -23,6 +23,8 @@ from eal_actors.wire.format.packing import (
     Buffer,
     checked_client,
     checked_row,
+    checked_text,
+    checked_time,
     data_from,
     data_header,
     error_body,
@@ -91,8 +93,7 @@ def shared_place(envelope: Buffer, client: str) -> SharedValue | None:
 def decode_frame(envelope: Buffer, payload: Buffer) -> StreamFrame:
     """Return a frame with its image decoded; ProtocolError if it is none, UnsupportedError if OpenCV is missing."""
     _, kind, body, era, time_s, age_s, encoding = unpack_row(envelope, "frame", 7)
-    if type(era) is not str or not _is_time(time_s) or not _is_time(age_s):
-        raise ProtocolError(f"frame: {short_repr((era, time_s, age_s))} are no era, time and age")
+    time = RobotTime(checked_text(era, "frame: era"), checked_time(time_s, "frame: time_s"))
     if encoding not in ENCODINGS:
         raise ProtocolError(f"frame: there is no encoding {short_repr(encoding)}, only {', '.join(ENCODINGS)}")
     if kind == _ERROR:
@@ -103,11 +104,7 @@ def decode_frame(envelope: Buffer, payload: Buffer) -> StreamFrame:
         content = data_from(body, decode_image(memoryview(payload), _image_shape(body), encoding), "frame")
     else:
         raise ProtocolError(f"frame: a kind {short_repr(kind)}, which is {_DATA} or {_ERROR}")
-    return StreamFrame(content, RobotTime(era, time_s), age_s)
-
-
-def _is_time(number: object) -> bool:
-    return isinstance(number, float) and math.isfinite(number)
+    return StreamFrame(content, time, checked_time(age_s, "frame: age_s"))
 
 
 def _image_shape(header: object) -> tuple[int, ...]:

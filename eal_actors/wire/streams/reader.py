@@ -148,7 +148,7 @@ class _Subscription:
         for feed in self.feeds:
             feed.offer(item)
 
-    def on_answer(self, answer: Answer) -> None:
+    def on_answer(self, answer: Answer | None) -> None:
         """Pass the error of a refused request to the feeds."""
         if isinstance(answer, EALError):
             self.offer(answer)

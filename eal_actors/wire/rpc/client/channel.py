@@ -35,6 +35,8 @@ _GRACE_S: Final = 1.0
 
 ReadReply = Callable[[Answer, RobotTime | None, float, float], T]
 """Reads an answer. Arguments: answer, robot's clock if included, our clock (REAL_TIME) at sending and at the reply."""
+OnReply = Callable[[Answer | None, RobotTime | None, float, float], None]
+"""The same, or is called without an answer if none will arrive."""
 
 
 class PendingCall(Protocol):
@@ -158,8 +160,10 @@ class Channel:
         future: Future[T] = Future(REAL_TIME, REAL_TIME.now() + timeout_s + _GRACE_S)
         run_later = self.controller.run_later
 
-        def on_answer(answer: Answer, time: RobotTime | None, sent_s: float, answered_s: float) -> None:
+        def on_reply(answer: Answer | None, time: RobotTime | None, sent_s: float, answered_s: float) -> None:
             try:
+                if answer is None:
+                    raise UnavailableError("the robot did not answer")
                 if isinstance(answer, EALError):
                     raise answer
                 value = read(answer, time, sent_s, answered_s)
@@ -168,10 +172,7 @@ class Channel:
             else:
                 future.settle(value, None, run_later)
 
-        def on_failure() -> None:
-            future.settle(None, UnavailableError("the robot did not answer", robot=self.name), run_later)
-
-        self._send(method, arguments, timeout_s, on_answer, on_failure)
+        self._send(method, arguments, timeout_s, on_reply)
         return future
 
     def request(
@@ -179,28 +180,24 @@ class Channel:
         method: str,
         arguments: Arguments,
         timeout_s: float,
-        on_answer: Callable[[Answer], None] = lambda _: None,
+        on_answer: Callable[[Answer | None], None] = lambda _: None,
         resource: str = keys.ROBOT,
-        on_failure: Callable[[], None] = lambda: None,
     ) -> None:
-        """Call a method of the robot itself, or a stream; the callbacks run in the connection's thread."""
+        """Call a method of the robot itself, or a stream.
 
-        def on_reply(answer: Answer, time: RobotTime | None, sent_s: float, answered_s: float) -> None:
+        `on_answer` gets the answer, None if none will arrive, in the connection's thread.
+        """
+
+        def on_reply(answer: Answer | None, time: RobotTime | None, sent_s: float, answered_s: float) -> None:
             self.clock_tracker.note(time, sent_s, answered_s)
             self.run_soon(lambda: on_answer(answer))
 
-        self._send(method, arguments, timeout_s, on_reply, lambda: self.run_soon(on_failure), resource)
+        self._send(method, arguments, timeout_s, on_reply, resource)
 
     def _send(
-        self,
-        method: str,
-        arguments: Arguments,
-        timeout_s: float,
-        on_answer: ReadReply[None],
-        on_failure: Callable[[], None],
-        resource: str = keys.ROBOT,
+        self, method: str, arguments: Arguments, timeout_s: float, on_reply: OnReply, resource: str = keys.ROBOT
     ) -> None:
-        """Send a call; one callback runs in the reader's thread, or at once if the call is refused."""
+        """Send a call; the callback runs in the reader's thread, or at once if the call is refused."""
         controller, stamper = self.controller, self.stamper
         number = stamper.number()
         header = CallHeader(stamper.client, stamper.epoch, number, timeout_s, timeout_s, None, arguments)
@@ -209,23 +206,23 @@ class Channel:
                 self.rights.check(resource, method)
             envelope, _ = encode_call(header)  # here, since an error would end the thread that sends
         except (AccessDeniedError, DataError) as error:
-            on_answer(error, None, 0.0, 0.0)
+            on_reply(error, None, 0.0, 0.0)
             return
         key = controller.call_key(self.name, resource, method)
         is_urgent = method in (keys.STOP, keys.RESUME)
-        request = _Request(self, key, number, envelope, timeout_s, on_answer, on_failure, is_urgent)
+        request = _Request(self, key, number, envelope, timeout_s, on_reply, is_urgent)
         if is_urgent:
             controller.send_urgently(request.send, request.bypass)
         elif not controller.sender.submit(request.send):
-            on_failure()
+            request.lost()
 
 
 @dataclass(eq=False)
 class _Request:
     """Call of a method of the robot itself, with the clock readings that its reply needs.
 
-    `timeout_s` is the time-out of the reply. `on_answer` is called with the answer in the reader's thread, or
-    `on_failure` in any thread.
+    `timeout_s` is the time-out of the reply. `on_reply` is called with the answer in the reader's thread, or without
+    one in any thread.
     """
 
     channel: Channel
@@ -233,8 +230,7 @@ class _Request:
     number: int
     envelope: bytes
     timeout_s: float
-    on_answer: ReadReply[None]
-    on_failure: Callable[[], None]
+    on_reply: OnReply
     is_urgent: bool
     _is_taken: threading.Lock = field(default_factory=threading.Lock, init=False)  # by the thread that sends it
     _sent_s: float = field(default=0.0, init=False)
@@ -258,9 +254,9 @@ class _Request:
             self.channel.run_soon(lambda: self.send(True))
 
     def answered(self, answer: Answer, time: RobotTime | None) -> None:
-        self.on_answer(answer, time, self._sent_s, REAL_TIME.now())
+        self.on_reply(answer, time, self._sent_s, REAL_TIME.now())
 
     def lost(self) -> None:
-        self.on_failure()
+        self.on_reply(None, None, 0.0, 0.0)
 
     timed_out = lost

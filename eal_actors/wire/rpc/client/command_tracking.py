@@ -165,7 +165,7 @@ class CommandTracker:
             numbers = tuple(number for call_id in unfinished for number in (call_id.epoch, call_id.sequence))
             self._channel.request(keys.REATTACH, numbers, _REATTACH_S, self._fail_unknown)
 
-    def _fail_unknown(self, answer: Answer) -> None:
+    def _fail_unknown(self, answer: Answer | None) -> None:
         """Fail commands that the robot does not know twice in succession: the first question may overtake them."""
         if not isinstance(answer, dict):
             return

@@ -144,20 +144,20 @@ class RemoteRobot(EALActor):
         self._is_shaking_hands = True
         self.calls.begin_epoch()
         name = self._controller.display_name
-        self._channel.request(
-            keys.HELLO, (name,), _REQUEST_TIMEOUT_S, self._finish_handshake, on_failure=self._retry_handshake
-        )
+        self._channel.request(keys.HELLO, (name,), _REQUEST_TIMEOUT_S, self._finish_handshake)
 
     def _retry_handshake(self) -> None:
-        self._is_shaking_hands = False
         self.actor_inbox.call_later(self.clock.of_real(_HELLO_RETRY_S), self._shake_hands_if_alive)
 
     def _shake_hands_if_alive(self) -> None:
         if self._controller.is_alive(self.name) and self.view.state is not RobotState.READY:
             self._shake_hands()
 
-    def _finish_handshake(self, answer: Answer) -> None:
+    def _finish_handshake(self, answer: Answer | None) -> None:
         self._is_shaking_hands = False
+        if answer is None:
+            self._retry_handshake()
+            return
         try:
             handshake = Handshake.decode(answer, self._controller.certificate)
             self._board.replace(handshake.running)
@@ -319,7 +319,7 @@ class RemoteRobot(EALActor):
         self.calls.close(error)
         if was_ready:
             self.actor_inbox.call_later(self.clock.of_real(_LEAVE_TIMEOUT_S), self._stop)
-            self._channel.request(keys.LEAVE, (), _LEAVE_TIMEOUT_S, lambda _: self._stop(), on_failure=self._stop)
+            self._channel.request(keys.LEAVE, (), _LEAVE_TIMEOUT_S, lambda _: self._stop())
         else:
             self._stop()
 

@@ -95,13 +95,13 @@ class ValueMemory:
         except OSError as error:
             self._sharing.give_up(error)
             return
-        accept = partial(self._finish_offer, memory)
-        self._request(keys.MEMORY, tuple(memory.offer), _TIMEOUT_S, accept, on_failure=memory.close)
+        self._request(keys.MEMORY, tuple(memory.offer), _TIMEOUT_S, partial(self._finish_offer, memory))
 
-    def _finish_offer(self, memory: OwnedMemory, answer: Answer) -> None:
+    def _finish_offer(self, memory: OwnedMemory, answer: Answer | None) -> None:
         if answer != 1:
             memory.close()
-            self._next_offer_s = math.inf
+            if answer is not None:
+                self._next_offer_s = math.inf
             return
         try:
             memory.allocate()

@@ -14,7 +14,7 @@ from functools import partial
 from typing import Any, Final
 
 from eal_actors.actors.call import Call
-from eal_actors.actors.future import Relay
+from eal_actors.actors.future import Future, Relay
 from eal_actors.actors.handles import MAX_REASON, ResourceHandle, RobotHandle
 from eal_actors.device.data import EALData, Payload
 from eal_actors.device.info import ResourceType
@@ -246,8 +246,11 @@ class RobotServer:
             raise _too_late(method)
         else:
             self._admission.note_stop(header, handle.name)
-            call = start_call(handle, method, header, data, header.deadline_s * self._second)
-            call.link(lambda done, _: self._answer(reply_to._replace(is_urgent=True), self._outcome(done)))
+            self._answer_urgently(reply_to, start_call(handle, method, header, data, header.deadline_s * self._second))
+
+    def _answer_urgently(self, reply_to: ReplyTo, call: Future[Any]) -> None:
+        urgent = reply_to._replace(is_urgent=True)
+        call.link(lambda done, _: self._answer(urgent, self._outcome(done)))
 
     def _serve_command(
         self, handle: ResourceHandle, key: keys.CallKey, reply_to: ReplyTo, header: CallHeader, data: EALData | None
@@ -300,14 +303,12 @@ class RobotServer:
             self._answer(reply_to, self._handler.release(header))
         elif method == keys.STOP:
             reason = " ".join(map(str, header.arguments))[:MAX_REASON]
-            urgent = reply_to._replace(is_urgent=True)
-            self._robot.stop(reason).link(lambda done, _: self._answer(urgent, self._outcome(done)))
+            self._answer_urgently(reply_to, self._robot.stop(reason))
             self._unlogged_stop = reason
         elif method == keys.RESUME:
             self._log_stop()
             self._log.warning("resumed")
-            urgent = reply_to._replace(is_urgent=True)
-            self._robot.resume().link(lambda done, _: self._answer(urgent, self._outcome(done)))
+            self._answer_urgently(reply_to, self._robot.resume())
         elif method == keys.REVOKE and call.caller != keys.AUTHORITY_CALLER:
             raise AccessDeniedError("only the holder of the authority's key may revoke a certificate")
         else:
