@@ -195,7 +195,6 @@ def _link(end: socket.socket) -> Link:
 
 
 def _received(end: socket.socket) -> int:
-    """Return the number of bytes that a connection has received."""
     info = end.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 256)
     received: int = struct.unpack_from("=Q", info, _BYTES_RECEIVED)[0]
     return received

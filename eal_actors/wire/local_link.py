@@ -200,8 +200,6 @@ class LocalLinks:
             return None
         if is_urgent:  # where the link has no room, the engine may
             return link.send(key, envelope, payload) or None
-        if len(envelope) + len(payload) <= parts.PART_BYTES:
-            return link.send_patiently(key, envelope, payload)
         return all(link.send_patiently(key, *part) for part in parts.split(envelope, payload))
 
     def _forget(self, link: LocalLink) -> None:

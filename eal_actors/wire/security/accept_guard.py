@@ -218,7 +218,6 @@ class AcceptGuard:
         return PacketRule(tuple(sorted(it for it in self._known if self._strangers[it] < share)), are_dropped=False)
 
     def _shut(self, rule: PacketRule) -> None:
-        """Have the kernel drop packets by a rule."""
         if rule != self._rule:
             for listener in self._listeners:
                 filter_packets(listener, rule)
@@ -237,7 +236,6 @@ class AcceptGuard:
             get_logger().warning(message, strangers=self._strangers.total(), **addresses)
 
     def _open(self) -> None:
-        """Let new connections pass again."""
         for listener in self._listeners:
             pass_packets(listener)
         self._rule = None

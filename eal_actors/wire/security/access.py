@@ -110,7 +110,6 @@ class _AccessRules:
                 self._allow(name, flow, (*_PUBLISH, *_SUBSCRIBE, *_DECLARE_TOKEN, *_WATCH_TOKENS), everything)
 
     def config(self) -> dict[str, Any]:
-        """Return the section `access_control` of a zenoh configuration."""
         return {
             "enabled": True,
             "default_permission": "deny",

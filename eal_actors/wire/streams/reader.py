@@ -149,7 +149,6 @@ class _Subscription:
             feed.offer(item)
 
     def on_answer(self, answer: Answer | None) -> None:
-        """Pass the error of a refused request to the feeds."""
         if isinstance(answer, EALError):
             self.offer(answer)
 

@@ -77,7 +77,6 @@ class _Broadcast:
         self._waiter = new_waiter()
 
     def run(self, session: zenoh.Session, timeout_s: float) -> None:
-        """Call every robot until each has answered or the time is over."""
         end_s = REAL_TIME.now() + timeout_s
         fleet = self._config.network_name
         answers = keys.answer_key(fleet, self._caller, self._secret, None)

@@ -261,11 +261,10 @@ class CallQueue:
 
     def receive_result(self, event: RobotEvent) -> None:
         """Handle the outcome of a long command."""
-        call = self.tracker.commands.get(event.call) if event.call is not None else None
-        if call is not None and event.answer is not None and event.call is not None:
-            began_s = event.fields.get("began_s")
+        call_id, answer, began_s = event.call, event.answer, event.fields.get("began_s")
+        if call_id is not None and answer is not None and (call := self.tracker.commands.get(call_id)) is not None:
             time = RobotTime("", event.stamp_s, began_s if isinstance(began_s, float) else None)
-            self.conclude(call, event.call, event.answer, time)
+            self.conclude(call, call_id, answer, time)
 
     def receive_progress(self, call_id: CallId, progress: Progress) -> None:
         """Handle the progress of a command; its time is by our fleet's clock."""
@@ -301,7 +300,6 @@ class CallQueue:
     # Failures. Thread: any.
 
     def _forget(self, call: Call[Any]) -> None:
-        """Free a call's place in its resource's mailbox."""
         self._unanswered[call.cell.name].discard(call)
 
     def lose(self, call: Call[Any], call_id: CallId | None) -> None:

@@ -202,7 +202,7 @@ class Controller(EALActor):
         self._open()
 
     def _lose_robots(self, reason: str) -> None:
-        for listener in self._all_listeners():
+        for listener in list(self._listeners.values()):
             listener.on_gone(reason)
 
     def _beat(self) -> None:
@@ -218,13 +218,9 @@ class Controller(EALActor):
 
     def _tick(self) -> None:
         now_s = REAL_TIME.now()
-        for listener in self._all_listeners():
+        for listener in list(self._listeners.values()):
             listener.on_tick(now_s)
         self.actor_inbox.call_later(self.clock.of_real(_TICK_S), self._tick)
-
-    def _all_listeners(self) -> list[RobotListener]:
-        with self._lock:
-            return list(self._listeners.values())
 
     def shut_down(self) -> None:
         """Close the session, and end. Thread: any; does not block."""
@@ -302,9 +298,7 @@ class Controller(EALActor):
     ) -> bool:
         """Send a call to a robot; return False if the robot is unreachable, so that no reply will arrive.
 
-        An urgent one overtakes the messages that wait in the link. One that is not the last may be sent with the next
-        as a batch. Thread: any that may wait; blocks only while a link is full, at most until the engine closes that
-        link.
+        The flags and the thread are those of Transport.put.
         """
         transport = self._transport
         if transport is None:
@@ -369,14 +363,7 @@ class Controller(EALActor):
         try:
             _, name = keys.parse_robot(key)
             event = decode_event(envelope, payload)
+            if (listener := self._listeners.get(name)) is not None:
+                listener.on_event(event)
         except ProtocolError as error:
             self._malformed.warn(key.rpartition("/")[2], "an event is malformed", error.message)
-            return
-        with self._lock:
-            listener = self._listeners.get(name)
-        if listener is None:
-            return
-        try:
-            listener.on_event(event)
-        except ProtocolError as error:
-            self._malformed.warn(name, "an event is malformed", error.message)
