@@ -11,7 +11,7 @@ import math
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Any, Final, NamedTuple, Protocol, TypeVar
+from typing import Any, Final, NamedTuple, TypeVar
 
 from eal_actors.actors.actor import EALActor
 from eal_actors.actors.call import Call
@@ -39,30 +39,39 @@ OnReply = Callable[[Answer | None, RobotTime | None, float, float], None]
 """The same, or is called without an answer if none will arrive."""
 
 
-class PendingCall(Protocol):
-    """Call that waits for a reply. One of its three methods is called, once; none may block the readers' threads."""
+class SentCall(NamedTuple):
+    """Call of a resource's method that was sent; commands have an identifier."""
 
-    @property
-    def end_s(self) -> float:
-        """Real time at which it times out."""
+    queue: Any  # the CallQueue, which imports this module
+    call: Call[Any]
+    call_id: CallId | None
+    end_s: float
 
     def answered(self, answer: Answer, time: RobotTime | None) -> None:
-        """Handle the answer and, if included, the robot's clock. Thread: a reader's."""
+        """Resolve the call."""
+        self.queue.conclude(self.call, self.call_id, answer, time)
 
     def lost(self) -> None:
-        """Handle that the robot is unreachable. Thread: any."""
+        """Retry the call, or ask for its outcome."""
+        self.queue.window.answered(self.call)
+        self.queue.lose(self.call, self.call_id)
 
     def timed_out(self) -> None:
-        """Handle that its time is over. Thread: any."""
+        """Fail the call."""
+        self.queue.window.answered(self.call)
+        self.queue.expire(self.call)
 
 
 class PendingCalls:
-    """Pending calls of one robot by their numbers, added before they are sent. Thread: any."""
+    """Pending calls of one robot by their numbers, added before they are sent. Thread: any.
+
+    One of a call's methods `answered`, `lost` and `timed_out` is called, once.
+    """
 
     def __init__(self) -> None:
-        self.calls: Final[dict[int, PendingCall]] = {}
+        self.calls: Final[dict[int, SentCall | _Request]] = {}
 
-    def _take_all(self) -> Iterator[PendingCall]:
+    def _take_all(self) -> Iterator[SentCall | _Request]:
         for number in list(self.calls):
             call = self.calls.pop(number, None)
             if call is not None:
@@ -83,29 +92,6 @@ class PendingCalls:
         for number, call in list(self.calls.items()):
             if call.end_s <= now_s and self.calls.pop(number, None) is not None:
                 call.timed_out()
-
-
-class SentCall(NamedTuple):
-    """Call of a resource's method that was sent; commands have an identifier. A PendingCall."""
-
-    queue: Any  # the CallQueue, which imports this module
-    call: Call[Any]
-    call_id: CallId | None
-    end_s: float
-
-    def answered(self, answer: Answer, time: RobotTime | None) -> None:
-        """Resolve the call."""
-        self.queue.conclude(self.call, self.call_id, answer, time)
-
-    def lost(self) -> None:
-        """Retry the call, or ask for its outcome."""
-        self.queue.window.answered(self.call)
-        self.queue.lose(self.call, self.call_id)
-
-    def timed_out(self) -> None:
-        """Fail the call."""
-        self.queue.window.answered(self.call)
-        self.queue.expire(self.call)
 
 
 class Channel:

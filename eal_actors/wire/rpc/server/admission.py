@@ -21,7 +21,7 @@ from eal_actors.wire.format.keys import ANYBODY, certificate_id, client_id
 from eal_actors.wire.format.messages import Answer, CallHeader, CallId
 from eal_actors.wire.format.packing import MAX_CALL_BYTES
 from eal_actors.wire.rpc.freshness import CommandHistory, CommandRecord, Stamp
-from eal_actors.wire.rpc.server.leases import Commander, DeadManSwitch, Leases
+from eal_actors.wire.rpc.server.leases import DeadManSwitch, LastCommander, Leases
 
 _CLAIMING: Final = MOTION_METHODS | {"set_config"}
 """Methods that require the lease of an exclusive resource."""
@@ -190,7 +190,7 @@ class Admission:
             self._leases.leave(client, resources)
             return self._dead_man.leave(client, resources)
 
-    def silences(self) -> tuple[Commander, ...]:
+    def silences(self) -> tuple[LastCommander, ...]:
         """Return the resources to halt now because their controllers are silent; each silence is returned once."""
         with self._guard:
             due = self._dead_man.due(self._clock.now())

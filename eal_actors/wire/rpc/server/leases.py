@@ -32,7 +32,7 @@ from eal_actors.kernel.errors import ArgumentError, ResourceBusyError
 _DEAD_MAN_RANGE_S: Final = 0.1, 60.0
 
 
-class Commander(NamedTuple):
+class LastCommander(NamedTuple):
     """Client that commanded a resource last, and when the robot last heard of it before a silence that was too long."""
 
     resource: str
@@ -52,20 +52,20 @@ class _Commanders:
         if not least_s <= dead_man_s <= most_s:
             raise ArgumentError(f"dead_man_s must be {least_s:g}..{most_s:g} s, not {dead_man_s!r}")
         self.dead_man_s: Final = dead_man_s
-        self._last: dict[str, Commander] = {}
+        self._last: dict[str, LastCommander] = {}
 
     def commanded(self, client: str, resource: str, now_s: float) -> None:
         """Make a client responsible for a resource, in place of any other; this proves that it is alive."""
         if len(self._last) > (resource in self._last):  # others
             self.heard(client, now_s)
-        # Commander() takes several times as long, in every command.
-        self._last[resource] = tuple.__new__(Commander, (resource, client, now_s))
+        # LastCommander() takes several times as long, in every command.
+        self._last[resource] = tuple.__new__(LastCommander, (resource, client, now_s))
 
     def heard(self, client: str, now_s: float) -> None:
         """Note that a client is alive. A silence that was too long stays one."""
         for resource, last in self._last.items():
             if last.client == client and now_s < self._end_s(last):
-                self._last[resource] = tuple.__new__(Commander, (resource, client, now_s))
+                self._last[resource] = tuple.__new__(LastCommander, (resource, client, now_s))
 
     def leave(self, client: str, among: Container[str] | None = None) -> tuple[str, ...]:
         """Remove a client's resources, all if `among` is None; returns them sorted."""
@@ -75,7 +75,7 @@ class _Commanders:
             del self._last[resource]
         return tuple(resources)
 
-    def _end_s(self, last: Commander) -> float:
+    def _end_s(self, last: LastCommander) -> float:
         return last.heard_s + self.dead_man_s
 
 
@@ -125,7 +125,7 @@ class DeadManSwitch(_Commanders):
         """Forget a resource that was halted by anybody."""
         self._last.pop(resource, None)
 
-    def due(self, now_s: float) -> tuple[Commander, ...]:
+    def due(self, now_s: float) -> tuple[LastCommander, ...]:
         """Return the resources to halt now, sorted, and forget them: each silence is returned once."""
         due = [last for last in self._last.values() if now_s >= last.heard_s + self.dead_man_s]
         for silent in due:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from eal_actors.kernel.errors import ArgumentError
-from eal_actors.wire.rpc.server.leases import Commander, DeadManSwitch
+from eal_actors.wire.rpc.server.leases import DeadManSwitch, LastCommander
 
 CLIENTS = st.sampled_from(["ann", "bob"])
 RESOURCES = st.sampled_from(["Wheels", "Arm", "Horn"])
@@ -92,7 +92,7 @@ def test_a_silent_client_is_told_once_with_when_it_was_last_heard() -> None:
     dead_man.commanded("ann", "Wheels", 10.0)
     dead_man.heard("ann", 10.25)
     assert dead_man.due(10.5) == ()
-    assert dead_man.due(10.75) == (Commander("Wheels", "ann", 10.25),)
+    assert dead_man.due(10.75) == (LastCommander("Wheels", "ann", 10.25),)
     assert dead_man.due(99.0) == ()
 
 
@@ -108,7 +108,7 @@ def test_who_commands_last_answers_for_the_resource() -> None:
     dead_man.commanded("ann", "Horn", 10.0)
     dead_man.commanded("bob", "Horn", 11.0)
     assert dead_man.due(12.5) == ()
-    assert dead_man.due(13.0) == (Commander("Horn", "bob", 11.0),)
+    assert dead_man.due(13.0) == (LastCommander("Horn", "bob", 11.0),)
 
 
 @pytest.mark.parametrize("dead_man_s", [0.0, 0.09, 60.1, -1.0, math.inf, math.nan])
