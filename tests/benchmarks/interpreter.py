@@ -26,7 +26,7 @@ from typing import Any, Final
 from eal_actors import Fleet
 from eal_actors.device.data import EALData
 from eal_actors.wire.engine_setup import share_threads
-from eal_actors.wire.format.messages import decode_call, decode_reply, encode_call, encode_value
+from eal_actors.wire.format.messages import NO_PROOF, decode_call, decode_reply, encode_fields, encode_value
 from tests.benchmarks import account, floor
 from tests.benchmarks.network_host import fleet_of, serving
 from tests.benchmarks.page import machine, publish
@@ -120,7 +120,7 @@ def count(call: Callable[[Any], object]) -> list[float]:
 
 def code_once() -> None:
     """Encode and decode a reading and its reply."""
-    decode_call(*encode_call(("0" * 32, 1, 1, 5.0, 5.0, None, (), "", 0.0, 0.0, False, "")))
+    decode_call(*encode_fields("0" * 32, 1, 1, 5.0, 5.0, None, (), NO_PROOF, None))
     value = EALData.of(1.0, stamp_s=0.0)
     decode_reply(encode_value(1, value, 0.0, "0123abcd", 1.0), value.payload)
 

@@ -21,7 +21,16 @@ from eal_actors.device.resource import Progress
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import BusyError, EALError, ProtocolError, RemoteError, UnavailableError
 from eal_actors.wire.format import keys
-from eal_actors.wire.format.messages import ACCEPTED, Answer, CallId, RobotEvent, RobotTime, decode_reply, encode_call
+from eal_actors.wire.format.messages import (
+    ACCEPTED,
+    NO_PROOF,
+    Answer,
+    CallId,
+    RobotEvent,
+    RobotTime,
+    decode_reply,
+    encode_fields,
+)
 from eal_actors.wire.rpc.call_arguments import is_small, split_arguments
 from eal_actors.wire.rpc.client.call_sender import EncodedCall
 from eal_actors.wire.rpc.client.channel import Channel, SentCall
@@ -209,16 +218,17 @@ class CallQueue:
         try:
             plain, data = split_arguments(call) if call.arguments else ((), None)
             if method in keys.RETRYABLE_METHODS:
-                number, ttl_s, era, echo_s, held_s = stamper.number(), left_s, "", 0.0, 0.0
+                number, ttl_s, proof = stamper.number(), left_s, NO_PROOF
             else:
                 call_id, ttl_s, era, echo_s, held_s = stamper.stamp(_TTL_S, now_s)
-                number = call_id[2]
+                number, proof = call_id[2], (era, echo_s, held_s, False, "")
                 if data is not None or start_s is not None:
                     start_s, data = channel.to_robot_time(start_s, data)
-            traceparent = "" if span is None else span.traceparent
-            client, epoch = stamper.client, stamper.epoch
-            header = client, epoch, number, ttl_s, left_s, start_s, plain, era, echo_s, held_s, False, traceparent
-            envelope, payload = encode_call(header, data)
+            if span is not None:
+                proof = *proof[:4], span.traceparent
+            envelope, payload = encode_fields(
+                stamper.client, stamper.epoch, number, ttl_s, left_s, start_s, plain, proof, data
+            )
         except EALError as error:
             self._forget(call)
             call.settle(None, error.at(channel.name, name), self._controller.run_later)

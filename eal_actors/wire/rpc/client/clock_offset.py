@@ -112,13 +112,14 @@ class OffsetEstimator:
 
 
 class ClockEstimate(NamedTuple):
-    """Offset of a robot's clock as of the last reply, in one run of its server.
+    """Offset of a robot's clock as of the last reply, in one run of its server; see Offset.
 
     `at_s` is our time (REAL_TIME) of the estimate; from then on its error grows by MAX_DRIFT.
     """
 
     era: str
-    offset: Offset
+    offset_s: float
+    error_s: float
     at_s: float
 
 
@@ -168,8 +169,8 @@ class ClockTracker:
         known = self.latest
         if known is None or time.era not in ("", known.era):
             return arrived_s, math.inf
-        error_s = known.offset.error_s + MAX_DRIFT * max(0.0, arrived_s - known.at_s)
-        return min(arrived_s, time.time_s - known.offset.offset_s), error_s
+        error_s = known.error_s + MAX_DRIFT * max(0.0, arrived_s - known.at_s)
+        return min(arrived_s, time.time_s - known.offset_s), error_s
 
     def localize(self, data: EALData, stamp_s: float, time: RobotTime, clock: Clock) -> float:
         """Set the stamp of a robot's value by our fleet's clock; returns the greatest error of that stamp."""
@@ -182,7 +183,8 @@ class ClockTracker:
             if self.latest is None or era != self.latest.era:  # the robot was restarted and has another clock
                 self._offsets.forget()
             self._offsets.add(sent_s, received_s, replied_s, answered_s)
-            self.latest = ClockEstimate(era, self._offsets.estimate(answered_s), answered_s)
+            offset = self._offsets.estimate(answered_s)
+            self.latest = ClockEstimate(era, offset.offset_s, offset.error_s, answered_s)
 
 
 def _ping_from(answer: Mapping[str, Any], round_trip_s: float, offset: Offset) -> Ping:

@@ -256,7 +256,7 @@ class RemoteRobot(EALActor):
     def _to_fleet_time(self, robot_s: float) -> float:
         """Return our fleet's time at a real time of the robot."""
         known = self._channel.clock_tracker.latest
-        return self.clock.from_real(robot_s - (0.0 if known is None else known.offset.offset_s))
+        return self.clock.from_real(robot_s - (0.0 if known is None else known.offset_s))
 
     def stop_now(self, reason: str) -> Future[None]:
         """Stop the robot until it is resumed; repeated until the robot has confirmed it."""
