@@ -19,7 +19,7 @@ from eal_actors.actors.handles import MAX_REASON, ResourceHandle, RobotHandle
 from eal_actors.device.data import EALData, Payload
 from eal_actors.device.info import ResourceType
 from eal_actors.kernel import spans
-from eal_actors.kernel.clock import REAL_TIME, new_waiter
+from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import (
     AccessDeniedError,
     BusyError,
@@ -87,8 +87,7 @@ class RobotServer:
         )
         self.tokens: Final = ServerTokens(host.outbox, host.fleet, robot.name, host.process, host.network.lease_s)
         self._unlogged_stop: str | None = None
-        self._ended = new_waiter()
-        self._is_closed = self._has_failed = False
+        self._ended = Future[None]()
         self.dead_man_trips: dict[str, int] = {}
         self._state = robot.state
         self._log = get_logger(robot=robot.name)
@@ -101,27 +100,22 @@ class RobotServer:
             self._log.warning("its certificate is revoked: disconnected", certificate=caller)
             self._handler.disconnect(client)
 
-    def close(self) -> None:
-        """Withdraw the robot from the network. Thread: blocks the caller, for a bounded time."""
+    def close(self, error: EALError | None = None) -> None:
+        """Withdraw the robot from the network; `wait` raises the error. Thread: blocks for a bounded time."""
         self.tokens.withdraw()
         self._host.remove(self._robot.name)
         self._publisher.close()
         self._memories.close()
-        self._is_closed = True
-        REAL_TIME.wake(self._ended)
+        self._ended.settle(None, error)
 
     def fail(self) -> None:
         """Halt the robot and withdraw it: its host has crashed. Thread: the host's."""
         self._robot.halt()
-        self._has_failed = True
-        self.close()
+        self.close(UnavailableError("its server has crashed; the robot is halted", robot=self._robot.name))
 
     def wait(self) -> None:
         """Wait until the server is closed; UnavailableError if it has failed and halted. Thread: blocks the caller."""
-        while not self._is_closed:
-            REAL_TIME.wait(self._ended, None)
-        if self._has_failed:
-            raise UnavailableError("its server has crashed; the robot is halted", robot=self._robot.name)
+        self._ended.get()
 
     # Calls of the host.
 
