@@ -147,7 +147,7 @@ class _RobotPoller:
     def read_description(self) -> None:
         """Read the resources and their descriptions, unless nothing has changed."""
         robot, not_ready = self._robot, self._robot.not_ready
-        current = (robot.starts, robot.state, tuple(robot), tuple(not_ready))
+        current = (robot.starts, robot.state, robot.type, tuple(robot.tags), tuple(robot), tuple(not_ready))
         if current == self._described:
             return
         self._described = current

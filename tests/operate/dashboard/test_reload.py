@@ -47,6 +47,15 @@ def test_a_restarted_robot_is_polled_on(fleet: Fleet, tmp_path: Path) -> None:
         page.hear_until(lambda: page.poses["two"]["at"][0] < 0.5)  # a new resource counts from the start
 
 
+def test_other_tags_of_a_robot_are_shown(fleet: Fleet, tmp_path: Path) -> None:
+    file = tmp_path / "fleet.yaml"
+    with open_dashboard(fleet) as dashboard, page_of(dashboard) as page:
+        page.hear_until(lambda: page.robots.get("two", {}).get("tags") == [])
+        file.write_text(file.read_text().replace("two: {", "two: {tags: [indoor], "))
+        assert page.ask(do="reload")["changes"] == "tags two"
+        page.hear_until(lambda: page.robots["two"]["tags"] == ["indoor"])
+
+
 def test_a_reader_cannot_reload(fleet: Fleet) -> None:
     with open_dashboard(fleet, "secret-token") as dashboard, page_of(dashboard) as page:
         assert page.ask(do="reload")["code"] == "access_denied"
