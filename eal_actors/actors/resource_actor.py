@@ -99,6 +99,8 @@ class ResourceActor(ReadinessActor):
         """Whether the resource allows calls in other threads; known once it is open."""
         self.glances = False
         """Whether the resource implements `glance`; known once it is open."""
+        self.is_up = False
+        """Whether it has started, and takes calls."""
         self._is_open = False
         self._current: Call[Any] | None = None
         self._scheduled = ScheduledCommand(self.actor_inbox, self._execute)
@@ -125,17 +127,18 @@ class ResourceActor(ReadinessActor):
             background = resource.background()
             if background is not None and type(background) is not types.GeneratorType:
                 raise ReturnTypeError(f"background returned {background!r}, which is no generator")
+            if type(resource).not_ready is not Resource.not_ready:  # most are always ready and need no check
+                self._reports_readiness = True
+                self._watch_readiness()
         except AbandonedThread:
             raise
         except BaseException as error:  # noqa: BLE001  # a plugin may raise anything; Pykka would hide it
             self.crash(error)
             return
-        if type(resource).not_ready is not Resource.not_ready:  # most are always ready and need no check
-            self._reports_readiness = True
-            self._watch_readiness()
         self.busy_until_s = None
         if background is not None:
             self.begin_background(background)
+        self.is_up = True
         self._callbacks.up(self, info)
 
     def _make_methods(self, resource: Resource, info: ResourceInfo) -> dict[str, Callable[..., Any]]:

@@ -207,8 +207,10 @@ class RobotActor(EALActor, RobotConnection):
         elif overdue_since_s != busy_until_s:  # the whole process may have stood still: let the thread run first
             again_s = self.clock.of_real(_SECOND_LOOK_S)
             self.actor_inbox.call_later(again_s, lambda: self._abandon_if_stuck(actor, busy_until_s))
-        else:
+        elif actor.is_up:
             self._abandon(actor, f"was stuck for {overdue_s:.1f} s beyond its deadline")
+        else:
+            self._abandon(actor, f"did not open within its {actor.cell.timeout_s:g} s")
 
     def _abandon(self, actor: ResourceActor, why: str) -> None:
         error = UnavailableError(f"{why}; it has been abandoned")

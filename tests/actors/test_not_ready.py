@@ -12,7 +12,13 @@ from eal_actors.actors.readiness import READINESS_PERIOD_S
 from eal_actors.device.data import EALData
 from eal_actors.device.info import ResourceType
 from eal_actors.device.resource import Activity, Resource, command
-from eal_actors.kernel.errors import NotReadyError, PreemptedError, ResourceFaultError, UnavailableError
+from eal_actors.kernel.errors import (
+    NotReadyError,
+    PreemptedError,
+    ResourceFaultError,
+    RobotFailedError,
+    UnavailableError,
+)
 from eal_actors.kernel.log import configure_logging
 from tests.manual_clock import ManualClock
 from tests.robots import WAIT_S, running_robot
@@ -205,3 +211,12 @@ def test_a_bug_in_it_fails_the_call_and_is_named(motor: Motor) -> None:
         motor.is_broken = True
         with pytest.raises(ResourceFaultError, match="get_value raised ZeroDivisionError: a bug"):
             robot["Motor"].get_value().get()
+
+
+def test_a_bug_in_it_at_the_start_is_a_crash_with_its_reason(motor: Motor) -> None:
+    motor.is_broken = True
+    with (
+        pytest.raises(RobotFailedError, match="Motor crashed with ZeroDivisionError: a bug"),
+        running_robot({"Motor": lambda: motor}, max_restarts=0),
+    ):
+        pass

@@ -190,6 +190,23 @@ def test_a_call_that_hangs_fails_at_its_deadline_and_the_resource_is_replaced() 
     assert notes.index("unwound") < notes.index("halt", notes.index("unwound"))
 
 
+def test_a_resource_that_does_not_open_in_time_says_so() -> None:
+    gate = threading.Event()
+
+    class Slow(Resource):
+        """Opens when it may."""
+
+        def open(self) -> None:
+            gate.wait(WAIT_S)
+
+    with running_robot({"Slow": Slow}, clock=ScaledClock(20), wait=False, timeout_s=8.0) as robot:
+        try:
+            why = "did not open within its 8 s; it has been abandoned"
+            assert eventually(lambda: why in str(robot["Slow"].get_value(timeout_s=1e6).exception()))
+        finally:
+            gate.set()
+
+
 def test_a_call_of_a_stuck_resource_fails_with_its_deadline_though_nobody_waits_for_it() -> None:
     with running_robot({"Motor": partial(Motor, [])}, clock=ScaledClock(20)) as robot:
         hung = robot["Motor"].send_cmd("spin", timeout_s=8.0)
