@@ -17,6 +17,7 @@ something else, such as a socket, cannot be interrupted: its group waits for it.
 from __future__ import annotations
 
 import contextvars
+import inspect
 import threading
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -116,6 +117,9 @@ class TaskGroup:
         try:
             with in_scope(task.scope):
                 result = function()
+            if inspect.iscoroutine(result):  # nothing of it has run, and nothing would
+                result.close()
+                raise TypeError(f"{task.name} is an async function; a task is a function that blocks")
         except BaseException as error:  # noqa: BLE001  # it is raised where the group ends
             self._fail(task, error)
         else:

@@ -67,6 +67,14 @@ def test_each_takes_a_whole_fleet_and_no_robot_twice(simulation: Simulation) -> 
         simulation.fleet.each(["nobody"], drive)
 
 
+def test_an_async_function_is_refused_instead_of_forgotten(simulation: Simulation) -> None:
+    async def drive_later(robot: RobotHandle) -> None:
+        await robot["Base"].send_cmd("f1")
+
+    with pytest.raises(TypeError, match="drive_later a is an async function; a task is a function that blocks"):
+        simulation.fleet.each(["a"], drive_later)
+
+
 def test_a_failure_interrupts_the_others_and_halts_their_robots(simulation: Simulation) -> None:
     raised: dict[str, BaseException] = {}
 
