@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import io
 import mmap
 import os
 import secrets
@@ -25,6 +26,8 @@ import weakref
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Final, NamedTuple, Self
+
+from typing_extensions import override
 
 from eal_actors.device.data import Payload
 from eal_actors.kernel.clock import REAL_TIME
@@ -102,26 +105,27 @@ def _array_type(length: int) -> type[ctypes.Array[ctypes.c_ubyte]]:
     return ctypes.c_ubyte * length  # making a type takes longer than all else
 
 
-class _Mapping:
-    """A mapped memory. Thread: as its owner says."""
+class _SharedMemory:
+    """One end of a mapped memory. Thread: any; with the lock, after a look whether it is still open."""
 
     def __init__(self, fd: int, offer: MemoryOffer) -> None:
+        self._lock = threading.Lock()
+        self._is_open = True
         self._map = mmap.mmap(fd, offer.size)
-        self.content = memoryview(self._map)
-        self.states = self.content[:_PAGE].cast("Q")[_FIRST_STATE : _FIRST_STATE + offer.slots]
-
-    def part(self, start: int, length: int) -> ctypes.Array[ctypes.c_ubyte]:
-        """Return a part of the content without a copy; it lives while anything refers to it."""
-        return _array_type(length).from_buffer(self._map, start)
+        self._content = memoryview(self._map)
+        self._states = self._content[:_PAGE].cast("Q")[_FIRST_STATE : _FIRST_STATE + offer.slots]
 
     def close(self) -> None:
-        self.states.release()
-        self.content.release()
-        with contextlib.suppress(BufferError):  # the last value in use closes it
-            self._map.close()
+        """Close this end. The robot's follows the controller's within a second."""
+        with self._lock:
+            self._is_open = False
+            self._states.release()
+            self._content.release()
+            with contextlib.suppress(BufferError):  # the last value in use closes it
+                self._map.close()
 
 
-class OwnedMemory:
+class OwnedMemory(_SharedMemory):
     """The controller's end: reads values of up to `value_bytes` and frees their slots. Thread: any.
 
     Raises OSError if the kernel gives no memory, or this is not Linux.
@@ -131,30 +135,29 @@ class OwnedMemory:
         if not hasattr(os, "memfd_create"):
             raise OSError("this system has no memfd_create")
         slot_bytes = -(-value_bytes // _PAGE) * _PAGE
-        self._lock = threading.Lock()
         self._taken: dict[int, object] = {}  # values in use, by their numbers
-        self._fd = os.memfd_create("eal-values", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+        fd = os.memfd_create("eal-values", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+        self._file = io.FileIO(fd, "r+")
         try:
             token = secrets.token_bytes(_TOKEN_BYTES)
-            inode = os.fstat(self._fd).st_ino
-            self.offer: Final = MemoryOffer(os.getpid(), self._fd, inode, token.hex(), _SLOTS, slot_bytes)
-            os.ftruncate(self._fd, self.offer.size)
-            fcntl.fcntl(self._fd, fcntl.F_ADD_SEALS, _SEALS)
-            self._mapping: _Mapping | None = _Mapping(self._fd, self.offer)
+            self.offer: Final = MemoryOffer(os.getpid(), fd, os.fstat(fd).st_ino, token.hex(), _SLOTS, slot_bytes)
+            os.ftruncate(fd, self.offer.size)
+            fcntl.fcntl(fd, fcntl.F_ADD_SEALS, _SEALS)
+            super().__init__(fd, self.offer)
         except OSError:
-            os.close(self._fd)
+            self._file.close()
             raise
-        self._mapping.content[:_TOKEN_BYTES] = token
+        self._content[:_TOKEN_BYTES] = token
         for slot in range(_SLOTS):
-            self._mapping.states[slot] = _UNUSED
+            self._states[slot] = _UNUSED
 
     def allocate(self) -> None:
         """Allocate the slots, which the robot may then use; OSError if the kernel has no memory left."""
         with self._lock:
-            if self._mapping is not None:
-                os.posix_fallocate(self._fd, 0, self.offer.size)
+            if self._is_open:
+                os.posix_fallocate(self._file.fileno(), 0, self.offer.size)
                 for slot in range(_SLOTS):
-                    self._mapping.states[slot] = _FREE
+                    self._states[slot] = _FREE
 
     def take(self, value: SharedValue) -> Payload:
         """Return a value, which keeps its slot while it is in use; a copy if few slots are free.
@@ -168,36 +171,32 @@ class OwnedMemory:
             )
         start = _PAGE + value.slot * offer.slot_bytes
         with self._lock:
-            mapping = self._mapping
-            if mapping is None or mapping.states[value.slot] != value.number or value.number in self._taken:
+            if not self._is_open or self._states[value.slot] != value.number or value.number in self._taken:
                 raise UnavailableError("a value is no longer in shared memory; read it again")
-            if list(mapping.states).count(_FREE) >= _SPARE_SLOTS:
-                part = mapping.part(start, value.length)
-                self._taken[value.number] = weakref.ref(part, partial(self._free, mapping.states, value))
+            if list(self._states).count(_FREE) >= _SPARE_SLOTS:
+                part = _array_type(value.length).from_buffer(self._map, start)  # it lives while anything refers to it
+                self._taken[value.number] = weakref.ref(part, partial(self._free, value))
                 return memoryview(part).cast("B").toreadonly()
-            copy = bytes(mapping.content[start : start + value.length])
-            mapping.states[value.slot] = _FREE
+            copy = bytes(self._content[start : start + value.length])
+            self._states[value.slot] = _FREE
         return copy
 
-    def _free(self, states: memoryview, value: SharedValue, _: object) -> None:
+    def _free(self, value: SharedValue, _: object) -> None:
         """Free the slot of a value that is no longer in use. Thread: any; it may hold the lock, so this takes none."""
         self._taken.pop(value.number, None)
         with contextlib.suppress(ValueError):  # the memory is closed
-            states[value.slot] = _FREE
+            self._states[value.slot] = _FREE
 
+    @override
     def close(self) -> None:
-        """Close this end; the robot's follows within a second."""
-        with self._lock:
-            mapping, self._mapping = self._mapping, None
-            if mapping is not None:
-                mapping.close()
-                os.close(self._fd)
+        super().close()
+        self._file.close()
 
 
 _SEALS: Final = fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_SEAL if hasattr(fcntl, "F_SEAL_SHRINK") else 0
 
 
-class PeerMemory:
+class PeerMemory(_SharedMemory):
     """The robot's end: writes values into free slots. Thread: any.
 
     Raises OSError if this process may not open it, or it is that of another machine or another process namespace.
@@ -205,7 +204,6 @@ class PeerMemory:
 
     def __init__(self, offer: MemoryOffer) -> None:
         self._offer = offer
-        self._lock = threading.Lock()
         self._last = 0
         self._place = Path("/proc") / str(offer.pid) / "fd" / str(offer.fd)
         if not self.is_offered:  # opening some other file could have an effect, such as on a tape or a pipe
@@ -216,7 +214,7 @@ class PeerMemory:
                 raise FileNotFoundError(f"{self._place} is not sealed at {offer.size} bytes")
             if os.pread(fd, _TOKEN_BYTES, 0).hex() != offer.token:
                 raise FileNotFoundError(f"{self._place} does not contain the token")
-            self._mapping: _Mapping | None = _Mapping(fd, offer)
+            super().__init__(fd, offer)
         finally:
             os.close(fd)
 
@@ -235,24 +233,14 @@ class PeerMemory:
         if length > offer.slot_bytes:
             return None
         with self._lock:
-            if self._mapping is None:
-                return None
-            states = self._mapping.states
-            for slot in range(offer.slots):
-                if states[slot] == _FREE:
+            for slot in range(offer.slots) if self._is_open else ():
+                if self._states[slot] == _FREE:
                     start = _PAGE + slot * offer.slot_bytes
-                    self._mapping.content[start : start + length] = payload
+                    self._content[start : start + length] = payload
                     self._last += 1
-                    states[slot] = self._last
+                    self._states[slot] = self._last
                     return SharedValue(offer.inode, slot, self._last, length)
         return None
-
-    def close(self) -> None:
-        """Close this end."""
-        with self._lock:
-            mapping, self._mapping = self._mapping, None
-            if mapping is not None:
-                mapping.close()
 
 
 class ControllerMemories:

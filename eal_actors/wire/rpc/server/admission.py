@@ -47,33 +47,26 @@ class ControllerNames:
         self._lock = threading.Lock()
         self._names: dict[str, OrderedDict[str, str]] = {}  # by certificate, so that none pushes out another's
 
-    def note(self, client: str, caller: str, name: str = "") -> None:
-        """Store a controller's display name, without characters that a terminal cannot print.
+    def note(self, client: str, caller: str, name: str = "") -> str:
+        """Store a controller's display name, without characters that a terminal cannot print; return the stored one.
 
         The caller is the name of its certificate, ANYBODY in a fleet without security; the name is how it calls itself.
         If that is empty, the stored name stays.
         """
-        names = self._names.get(certificate_id(client), _NO_NAMES)
-        if not name and client in names:  # every call but the first
-            return
+        known_as = self._names.get(client[:16], _NO_NAMES).get(client)  # as certificate_id, in every command
+        if known_as is not None and not name:  # every call but the first
+            return known_as
         printable = "".join(letter for letter in name[:_MAX_NAME] if letter.isprintable()).strip()
         if caller != ANYBODY and printable.partition("@")[0] != caller:
             printable = f"{caller} ({printable})" if printable else caller
-        if not printable or names.get(client) == printable:  # every heartbeat but the first
-            return
+        if not printable or known_as == printable:  # every heartbeat but the first
+            return known_as or client
         with self._lock:
             known = self._names.setdefault(certificate_id(client), OrderedDict())
             known[client] = printable
             if len(known) > _MAX_NAMES:
                 known.popitem(last=False)
-
-    def noted(self, client: str, caller: str) -> str:
-        """Return a controller's name, after it is noted if it has none."""
-        name = self._names.get(client[:16], _NO_NAMES).get(client)  # as certificate_id, in every command
-        if name is not None:
-            return name
-        self.note(client, caller)
-        return self.of(client)
+        return printable
 
     def of(self, client: str) -> str:
         """Return a controller's name; its client id if it has none."""

@@ -253,7 +253,7 @@ class RobotServer:
             raise _too_late(key.method)
         if REAL_TIME.now() >= self._admission.quiet_until_s:
             self._halt_silent()  # before another controller's first command
-        caller = self._admission.names.noted(header.client, key.caller)
+        caller = self._admission.names.note(header.client, key.caller)
         call_id, now_s, begin_in_s, left_s = self._admission.check(header, key.method, key.resource)
         start_s = None if header.start_s is None else self._clock.from_real(header.start_s)
         value_bytes = 0 if data is None else data.length
