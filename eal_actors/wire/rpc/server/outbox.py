@@ -73,7 +73,7 @@ class Outbox(Sender):
     ) -> None:
         """Queue a message; a full link drops it unless it is vital. Thread: any; does not block."""
         if is_urgent:
-            self.urgent.submit(partial(self._put, key, envelope, payload, is_vital, True))
+            self.urgent.submit(partial(self._put, key, envelope, payload, is_vital, is_urgent=True))
         else:
             self._count(memoryview(payload).nbytes)
             self.submit(partial(self.put, key, envelope, payload, is_vital))
@@ -116,11 +116,11 @@ class Outbox(Sender):
     def put(self, key: str, envelope: bytes, payload: Payload, is_vital: bool, is_last: bool) -> None:
         """Send a queued message, after the one that is being sent. Thread: see Send."""
         with self._put_lock:
-            self._put(key, envelope, payload, is_vital, False, is_last)
+            self._put(key, envelope, payload, is_vital, is_last)
         self._count(-memoryview(payload).nbytes)
 
     def _put(
-        self, key: str, envelope: bytes, payload: Payload, is_vital: bool, is_urgent: bool = False, is_last: bool = True
+        self, key: str, envelope: bytes, payload: Payload, is_vital: bool, is_last: bool = True, is_urgent: bool = False
     ) -> None:
         if len(payload) > _LARGE_BYTES:
             self._busy_until_s = REAL_TIME.now() + _LARGE_PAUSE_S
@@ -150,7 +150,7 @@ class ReplyBatch:
     def _send(self, is_last: bool) -> None:
         with self._lock:
             rows, self._rows = self._rows, []
-        self.outbox.put(self.key, encode_batch(rows), b"", True, is_last)
+        self.outbox.put(self.key, encode_batch(rows), b"", is_vital=True, is_last=is_last)
 
 
 class ReplyTo(NamedTuple):
@@ -168,7 +168,7 @@ class ReplyTo(NamedTuple):
 
 
 class Replies:
-    """Replies of one robot, in one run of its server. Thread: any; nothing here blocks but `send`, as chosen."""
+    """Replies of one robot, in one run of its server. Thread: any; only `send` may block."""
 
     def __init__(self, robot: RobotHandle, era: str, outbox: Outbox, memories: ControllerMemories) -> None:
         self._robot = robot.name
