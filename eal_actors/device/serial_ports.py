@@ -73,6 +73,11 @@ def open_serial(
     return opened
 
 
+def _named(holder: PortHolder) -> str:
+    """Return a program that has a port; it may be this one, with an earlier fleet that was not closed."""
+    return f"this program (pid {holder.pid})" if holder.pid == os.getpid() else str(holder)
+
+
 def _explained(error: Exception, url: str) -> Exception:
     """Return the error of an opening that failed, with a note on what may help."""
     if isinstance(error, TerminalError):
@@ -82,7 +87,7 @@ def _explained(error: Exception, url: str) -> Exception:
     if number == errno.ENOTTY:
         return PluginError(f"{url} is no serial port, but another device")
     if number in (errno.EBUSY, errno.EAGAIN):
-        users = ", ".join(map(str, holders(Path(url)))) or "a program of another user"
+        users = ", ".join(map(_named, holders(Path(url)))) or "a program of another user"
         error.add_note(f"{users} has it open")
     elif number in (errno.EACCES, errno.EPERM):
         group = group_of(Path(url))

@@ -77,7 +77,7 @@ def test_a_port_that_somebody_else_has_is_not_ready_until_it_is_free(cable: Cabl
     other = open_serial(str(cable.path), baudrate=9600)
     with closing(serial_port(cable)) as port:
         port.open()
-        assert f"(pid {os.getpid()}) has it open; next try" in str(port.why_not_ready())
+        assert f"this program (pid {os.getpid()}) has it open; next try" in str(port.why_not_ready())
         other.close()
         assert port.wait_until_open(WAIT_S)
 
