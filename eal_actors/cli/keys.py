@@ -17,10 +17,10 @@ from eal_actors.cli.options import EalCommand, EalCommandGroup, FleetOption, Jso
 from eal_actors.cli.output import new_table, print_line, stderr, stdout, write_json
 from eal_actors.kernel.bundled import find_file, short_path
 from eal_actors.kernel.clock import wall_time
-from eal_actors.kernel.errors import ConfigError, RobotNotFoundError, file_error, writing
+from eal_actors.kernel.errors import ConfigError, RobotNotFoundError, writing
 from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_source import load_yaml
-from eal_actors.lab.fleet_edits import replace_file
+from eal_actors.lab.fleet_edits import replace_file, with_security
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_loader import load_fleet
 from eal_actors.managers.fleet_model import FleetConfig
@@ -79,7 +79,7 @@ def init_keys(
     fleet: FleetOption,
     directory: DirOption = None,
     write: Annotated[
-        bool, typer.Option("--write", help="Append the section to the fleet file, which must have no network section.")
+        bool, typer.Option("--write", help="Add the section to the fleet file, which must have no network.security.")
     ] = False,
     force: ForceOption = False,
 ) -> None:
@@ -95,14 +95,14 @@ def init_keys(
     folder = directory or fleet.parent / _named_folder(network)
     keys = Path(os.path.relpath(folder, fleet.parent)).as_posix()
     section = _SECTION.format(keys=keys, routers="router" if network.get("routers") else "")
-    new = _append_section(fleet, section) if write else None  # fails before a file is made
+    new = _add_section(fleet, section) if write else None  # fails before a file is made
     made = make_authority(folder, str(root.get("name", fleet.stem)), force=force)
     (folder / REVOKED).unlink(missing_ok=True)  # it names certificates of the former authority
     if not (ignore := folder / ".gitignore").exists():
         ignore.write_text("*.key\n", encoding="utf-8")
     if new is not None:
         replace_file(fleet, new)
-        advise(f"{fleet}: network section appended")
+        advise(f"{fleet}: section network.security added")
     else:
         stdout().print(Text(section), end="", soft_wrap=True)
     print_made(made)
@@ -234,13 +234,9 @@ def _named_folder(network: dict[str, Any]) -> str:
     return named if isinstance(named, str) and named else DEFAULT_FOLDER
 
 
-def _append_section(fleet: Path, section: str) -> str:
-    """Return the fleet file's text with the section appended; raise ConfigError if the result is not valid."""
-    root = load_yaml(fleet).root
-    if "network" in root:
-        raise file_error(fleet, "has a network section already: omit --write, and add the printed lines by hand")
-    text = fleet.read_text(encoding="utf-8")
-    new = f"{text}{'' if text.endswith(chr(10)) else chr(10)}\n{section}"
+def _add_section(fleet: Path, section: str) -> str:
+    """Return the fleet file's text with the section added; raise ConfigError if the result is not valid."""
+    new = with_security(fleet.read_text(encoding="utf-8"), str(fleet), section)
     trial = fleet.with_name(f".{fleet.name}.new")
     try:
         with writing(fleet):

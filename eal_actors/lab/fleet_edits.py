@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from textwrap import dedent, indent
 from typing import Any, Final, TextIO
+
+import yaml
 
 from eal_actors.kernel.bundled import is_installed
 from eal_actors.kernel.clock import REAL_TIME
@@ -101,6 +105,32 @@ def with_identity(text: str, name: str, identity: str) -> str:
     new = "".join(lines)
     wanted = {**root, "network": {**(network or {}), "identity": identity}}
     _require_content(new, wanted, name, "network", f"add `identity: {identity}`")
+    return new
+
+
+def with_security(text: str, name: str, section: str) -> str:
+    """Return a valid fleet file's text with `network.security`, which it has not yet, otherwise unchanged.
+
+    `section` is a section `network` that has only `security`. Raises ConfigError if the file has one, or if its layout
+    allows no automatic change.
+    """
+    root, security = parse_yaml(text, name).root, yaml.safe_load(section)["network"]["security"]
+    lines = f"{text}{'' if text.endswith(chr(10)) else chr(10)}".splitlines(keepends=True)
+    network = root.get("network")
+    if network and "security" in network:
+        raise file_error(name, "has a section network.security already: omit --write, and change it by hand", "network")
+    if "network" not in root:
+        lines.append(f"\n{section}")
+    elif network:
+        mark = next(iter(network.key_marks.values()))
+        line = lines[mark.line - 1]
+        lead, rest = line[: mark.column - 1], line[mark.column - 1 :]
+        block = indent(dedent("".join(section.splitlines(keepends=True)[1:])), lead)
+        flow = yaml.safe_dump({"security": security}, default_flow_style=True, sort_keys=False, width=math.inf).strip()
+        lines[mark.line - 1] = f"{lead}{flow[1:-1]}, {rest}" if lead.strip() else f"{block}{line}"
+    new = "".join(lines)
+    wanted = {**root, "network": {**(network or {}), "security": security}}
+    _require_content(new, wanted, name, "network", "add the section `security` that the command prints without --write")
     return new
 
 

@@ -59,14 +59,38 @@ def test_init_changes_no_file_that_would_not_be_valid(eal: Any, lab: Path) -> No
     assert (lab.read_text(), Path("keys").exists()) == (FLEET.replace("tls/", "tcp/"), False)
 
 
-def test_init_adds_to_no_section_that_is_there(eal: Any, lab: Path) -> None:
-    lab.write_text(ROUTED)
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("network: {identity: id-1}  # ours\n", "network: {security: {keys: keys, controller: controller, roles: {"),
+        ("network:\n  # ours\n  identity: id-1\n", "network:\n  # ours\n  security:\n    keys: keys\n"),
+    ],
+)
+def test_init_adds_to_the_network_section_that_is_there(eal: Any, lab: Path, before: str, after: str) -> None:
+    """`eal new fleet` and `eal serve` write one with an identity."""
+    lab.write_text(FLEET.replace("robots:\n", f"{before}robots:\n"))
 
     done = eal("keys", "init", "--fleet", lab, "--write")
 
-    assert (done.exit_code, lab.read_text(), Path("keys").exists()) == (2, ROUTED, False)
-    assert "has a network section already" in done.stderr
+    assert done.exit_code == 0, done.stderr
+    assert after in lab.read_text()
+    assert "# ours" in lab.read_text()
+    assert "identity: id-1" in lab.read_text()
+    assert eal("check", lab).exit_code == 0
+    assert eal("keys", "robot", "r1", "--fleet", lab).exit_code == 0
+
+
+def test_init_knows_the_routers_and_replaces_no_security(eal: Any, lab: Path) -> None:
+    lab.write_text(ROUTED.replace("tcp/", "tls/"))
     assert "routers: [router]" in eal("keys", "init", "--fleet", lab).stdout
+    assert eal("keys", "init", "--fleet", lab, "--write", "--force").exit_code == 0
+    secured = lab.read_text()
+    assert "routers: [router]" in secured
+
+    again = eal("keys", "init", "--fleet", lab, "--write", "--force")
+
+    assert (again.exit_code, lab.read_text()) == (2, secured)
+    assert "has a section network.security already" in again.stderr
 
 
 def test_all_the_keys_of_a_fleet(eal: Any, lab: Path) -> None:
