@@ -83,10 +83,11 @@ class AdmissionMachine(RuleBasedStateMachine):
     @rule(who=WHO, resource=RESOURCES, method=METHODS, ttl_s=st.sampled_from([0.25, 1.0, 5.0]), deadline_s=DEADLINES_S)
     def send(self, who: int, resource: str, method: str, ttl_s: float, deadline_s: float) -> None:
         try:
-            stamp = self.stampers[who].stamp(ttl_s, self.clock.now() + self.ahead_s[who])
+            number, *stamp = self.stampers[who].stamp(self.clock.now() + self.ahead_s[who])
         except UnavailableError:
             return
-        header = CallHeader(*stamp.call, ttl_s, deadline_s, None, ("go",), stamp.era, stamp.echo_s, stamp.held_s)
+        client, epoch = self.stampers[who].client, self.stampers[who].epoch
+        header = CallHeader(client, epoch, number, ttl_s, deadline_s, None, ("go",), *stamp)  # type: ignore[arg-type]
         self.letters.append(Letter(header, method, resource, self.clock.now()))
 
     @rule(who=WHO, resource=RESOURCES, method=METHODS, way_s=WAYS_S, deadline_s=DEADLINES_S)

@@ -88,7 +88,10 @@ class CallHeader(NamedTuple):
         ttl_s: time to live: real seconds after the sending within which the robot may begin.
         deadline_s: real seconds from the sending to the caller's deadline; negative once it has passed.
         start_s: time to begin, by the robot's clock, in seconds; None for at once.
-        era: of a command, as `echo_s` and `held_s`: proof of its age; see freshness.Stamp.
+        era: of a command, as the next two the proof of its age, see freshness: the run of the robot's server that the
+            echo is from.
+        echo_s: reading of the robot's clock in one of its replies.
+        held_s: seconds by the controller's clock from the arrival of that reply to the sending.
         has_more: ignored; older releases announce further commands with it.
         traceparent: span of the call in the format of W3C Trace Context; empty without tracing.
     """

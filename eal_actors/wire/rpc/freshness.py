@@ -1,7 +1,7 @@
 """Freshness and deduplication of commands: each command runs at most once and never late.
 
 A robot that was frozen, or whose link stalled, reads old commands from its sockets when it continues, and its clock is
-not synchronised with its controller's. So every command carries a `Stamp`: the last reading of the robot's own clock
+not synchronised with its controller's. So every command carries a stamp: the last reading of the robot's own clock
 that the controller received (the echo), and the time since then. At their sum, by the robot's own clock, or later, the
 command was sent. Hence
 
@@ -41,11 +41,11 @@ import math
 from collections import Counter, OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Final, Generic, NamedTuple, NoReturn, TypeVar
+from typing import Final, Generic, NoReturn, TypeVar
 
 from eal_actors.kernel.errors import StaleCommandError, UnavailableError
 from eal_actors.wire.format.keys import certificate_id
-from eal_actors.wire.format.messages import CallId, RobotTime
+from eal_actors.wire.format.messages import CallHeader, CallId, RobotTime
 
 T = TypeVar("T")
 
@@ -65,23 +65,6 @@ _PER_SECOND: Final = {"epoch": 10, "sequence": 1_000_000}
 
 _EPOCH_AT: Final = 64
 """Bits of a sequence number, which a message cannot exceed."""
-
-
-class Stamp(NamedTuple):
-    """Proof of a command's age.
-
-    Attributes:
-        ttl_s: greatest age at its beginning, in seconds.
-        era: the run of the robot's server that the echo is from.
-        echo_s: reading of the robot's clock in one of its replies.
-        held_s: seconds by the controller's clock from the arrival of that reply to the sending of the command.
-    """
-
-    call: CallId
-    ttl_s: float
-    era: str
-    echo_s: float
-    held_s: float
 
 
 class Stamper:
@@ -118,10 +101,10 @@ class Stamper:
         if era != self._era or held_s >= _RENEWAL_S or robot_s >= self._echo_s + held_s * (1 - MAX_DRIFT):
             self._era, self._echo_s, self._came_s = era, robot_s, now_s
 
-    def stamp(self, ttl_s: float, now_s: float) -> Stamp:
-        """Return the stamp of the next command; UnavailableError if the robot has not replied yet, so there is no echo.
+    def stamp(self, now_s: float) -> tuple[int, str, float, float]:
+        """Return the number of the next command and its stamp: era, echo_s and held_s; see CallHeader.
 
-        `ttl_s` is its greatest age at its beginning, longer than the round trip. `now_s` is read before sending.
+        `now_s` is read before sending. Raises UnavailableError if the robot has not replied yet, so there is no echo.
         """
         news = self._news
         if news is not None and news[1] <= now_s:  # a later one is for the next command
@@ -130,9 +113,7 @@ class Stamper:
             self.heard(era, time_s, heard_s)
         if self._era is None:
             raise UnavailableError("the robot has not answered yet: without its clock no command can be sent")
-        new = tuple.__new__  # CallId() and Stamp() take several times as long
-        call = new(CallId, (self.client, self.epoch, self.number()))
-        return new(Stamp, (call, ttl_s, self._era, self._echo_s, now_s - self._came_s))
+        return self.number(), self._era, self._echo_s, now_s - self._came_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,23 +181,22 @@ class CommandHistory(Generic[T]):
             _check_advance("epoch", history.epoch, epoch, now_s - history.heard_s)
         self._note(history, client, epoch, now_s)
 
-    def accept(self, stamp: Stamp, resource: str, now_s: float) -> float:
+    def accept(self, header: CallHeader, resource: str, now_s: float) -> float:
         """Accept a command, and return the earliest time of its sending; call `finish` when it has ended.
 
         `now_s` is read after the command arrived. Raises StaleCommandError if it is too old, was overtaken, or was
         accepted before; then nothing changes.
         """
-        call, ttl_s, era, echo_s, held_s = stamp
+        client, epoch, sequence, ttl_s, _, _, _, era, echo_s, held_s, _, _ = header
         sent_s = echo_s + held_s * (1 - MAX_DRIFT)
         if era != self.era or not -_ROUNDING_S <= now_s - sent_s <= ttl_s:
-            self._refuse(stamp, resource, now_s - sent_s)
-        client, epoch, sequence = call
+            self._refuse(header, resource, now_s - sent_s)
         history = self._clients.get(client)
         if history is None:
             history = _ClientHistory[T](self._sent_after_s, epoch, number=sequence)
         ahead = sequence - history.number
         if epoch != history.epoch or not 0 < ahead <= _MOST_AHEAD or sent_s <= history.sent_after_s:
-            _check_order(history, stamp, resource, sent_s)
+            _check_order(history, header, resource, sent_s)
             _check_numbers(history, epoch, sequence, now_s)
             if ahead > 0:
                 history.number = sequence
@@ -272,18 +252,18 @@ class CommandHistory(Generic[T]):
             return CommandRecord(False)
         return CommandRecord(True, history.outcomes[number]) if number in history.outcomes else None
 
-    def _refuse(self, stamp: Stamp, resource: str, age_s: float) -> NoReturn:
+    def _refuse(self, header: CallHeader, resource: str, age_s: float) -> NoReturn:
         """Raise StaleCommandError for a command of another run or of a wrong age."""
-        if stamp.era != self.era:
-            why = f"was meant for run {stamp.era} of the robot's server; this is run {self.era}"
-            raise _stale(stamp, resource, f"{why}: it was restarted meanwhile, or two processes serve the robot")
+        if header.era != self.era:
+            why = f"was meant for run {header.era} of the robot's server; this is run {self.era}"
+            raise _stale(header, resource, f"{why}: it was restarted meanwhile, or two processes serve the robot")
         if age_s < -_ROUNDING_S:
             raise _stale(
-                stamp,
+                header,
                 resource,
                 f"seems to be sent in {-age_s:.3f} s: the robot's clock is slower than the controller's",
             )
-        raise _stale(stamp, resource, f"was sent up to {age_s:.3f} s ago, and may be {stamp.ttl_s:.3f} s old at most")
+        raise _stale(header, resource, f"was sent up to {age_s:.3f} s ago, and may be {header.ttl_s:.3f} s old at most")
 
     def _note(self, history: _ClientHistory[T], client: str, epoch: int, heard_s: float) -> None:
         """Make a client the most recent one, and forget another if there are too many."""
@@ -313,16 +293,16 @@ def _number_of(call: CallId) -> int:
     return call.epoch << _EPOCH_AT | call.sequence
 
 
-def _check_order(history: _ClientHistory[T], stamp: Stamp, resource: str, sent_s: float) -> None:
-    _, epoch, sequence = stamp.call
+def _check_order(history: _ClientHistory[T], header: CallHeader, resource: str, sent_s: float) -> None:
+    epoch, sequence = header.epoch, header.sequence
     if sent_s <= history.sent_after_s:
-        raise _stale(stamp, resource, "was sent at a time of which the robot has forgotten whom it heard")
+        raise _stale(header, resource, "was sent at a time of which the robot has forgotten whom it heard")
     if epoch < history.epoch:
-        raise _stale(stamp, resource, f"was sent before the controller's reconnect number {history.epoch}")
-    if (number := _number_of(stamp.call)) in history.running or number in history.outcomes:
-        raise _stale(stamp, resource, "was accepted before")
+        raise _stale(header, resource, f"was sent before the controller's reconnect number {history.epoch}")
+    if (number := _number_of(header.call_id)) in history.running or number in history.outcomes:
+        raise _stale(header, resource, "was accepted before")
     if epoch == history.epoch and sequence <= history.latest.get(resource, -1):
-        raise _stale(stamp, resource, f"comes after number {history.latest[resource]} was accepted")
+        raise _stale(header, resource, f"comes after number {history.latest[resource]} was accepted")
 
 
 def _check_numbers(history: _ClientHistory[T], epoch: int, sequence: int, now_s: float) -> None:
@@ -338,6 +318,6 @@ def _check_advance(what: str, last: int, number: int, silent_s: float) -> None:
         raise StaleCommandError(f"the controller's {what} cannot have advanced from {last} to {number}")
 
 
-def _stale(stamp: Stamp, resource: str, why: str) -> StaleCommandError:
-    client, epoch, sequence = stamp.call
+def _stale(header: CallHeader, resource: str, why: str) -> StaleCommandError:
+    client, epoch, sequence = header.call_id
     return StaleCommandError(f"command {sequence} (epoch {epoch}) of controller {client} {why}", resource=resource)

@@ -220,8 +220,9 @@ class CallQueue:
             if method in keys.RETRYABLE_METHODS:
                 number, ttl_s, proof = stamper.number(), left_s, NO_PROOF
             else:
-                call_id, ttl_s, era, echo_s, held_s = stamper.stamp(_TTL_S, now_s)
-                number, proof = call_id[2], (era, echo_s, held_s, False, "")
+                number, era, echo_s, held_s = stamper.stamp(now_s)
+                call_id = tuple.__new__(CallId, (stamper.client, stamper.epoch, number))
+                ttl_s, proof = _TTL_S, (era, echo_s, held_s, False, "")
                 if data is not None or start_s is not None:
                     start_s, data = channel.to_robot_time(start_s, data)
             if span is not None:

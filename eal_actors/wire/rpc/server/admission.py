@@ -20,7 +20,7 @@ from eal_actors.kernel.errors import DeadlineError, EALError, StaleCommandError,
 from eal_actors.wire.format.keys import ANYBODY, certificate_id, client_id
 from eal_actors.wire.format.messages import Answer, CallHeader, CallId
 from eal_actors.wire.format.packing import MAX_CALL_BYTES
-from eal_actors.wire.rpc.freshness import CommandHistory, CommandRecord, Stamp
+from eal_actors.wire.rpc.freshness import CommandHistory, CommandRecord
 from eal_actors.wire.rpc.server.leases import DeadManSwitch, LastCommander, Leases
 
 _CLAIMING: Final = MOTION_METHODS | {"set_config"}
@@ -97,10 +97,10 @@ class Admission:
         until its deadline. Raises StaleCommandError if it is too old, or was received before, DeadlineError if its
         deadline has passed on the way, and ResourceBusyError if another controller holds the resource.
         """
-        stamp = _stamp_of(header)
+        call_id = header.call_id
         with self._guard:
             now_s = self._clock.now()
-            sent_s = self._history.accept(stamp, resource, now_s)
+            sent_s = self._history.accept(header, resource, now_s)
             left_s = sent_s + header.deadline_s - _RESERVE_S - now_s
             try:
                 if left_s <= 0:
@@ -108,7 +108,7 @@ class Admission:
                 if method in _CLAIMING:
                     self._leases.claim(header.client, resource, now_s)
             except EALError as error:
-                self._history.finish(stamp.call, _kept(error))
+                self._history.finish(call_id, _kept(error))
                 self._dead_man.heard(header.client, now_s)  # a refused command proves life too
                 raise
             if method in MOTION_METHODS:
@@ -117,15 +117,14 @@ class Admission:
                     self.quiet_until_s = now_s + self._dead_man.dead_man_s
             else:
                 self._dead_man.heard(header.client, now_s)
-        return stamp.call, now_s, sent_s + stamp.ttl_s - now_s, left_s
+        return call_id, now_s, sent_s + header.ttl_s - now_s, left_s
 
     def note_stop(self, header: CallHeader, resource: str) -> None:
         """Refuse from now on commands that a stop has overtaken; the stop itself is obeyed at any age."""
-        stamp = _stamp_of(header)
         with self._guard:
             with contextlib.suppress(StaleCommandError):  # then the overtaken commands are stale too
-                self._history.accept(stamp, resource, self._clock.now())
-                self._history.finish(stamp.call, 1)
+                self._history.accept(header, resource, self._clock.now())
+                self._history.finish(header.call_id, 1)
             self._dead_man.halted(resource)
 
     def finish(self, call: CallId, outcome: Answer) -> None:
@@ -202,9 +201,3 @@ def _kept(error: EALError) -> EALError:
     kept = error.copy()
     kept.message = kept.message[:_MAX_MESSAGE]
     return kept
-
-
-def _stamp_of(header: CallHeader) -> Stamp:
-    client, epoch, sequence, ttl_s, _, _, _, era, echo_s, held_s, _, _ = header
-    new = tuple.__new__  # Stamp() and CallId() take several times as long
-    return new(Stamp, (new(CallId, (client, epoch, sequence)), ttl_s, era, echo_s, held_s))

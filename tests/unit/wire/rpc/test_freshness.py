@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
 from eal_actors.kernel.errors import StaleCommandError, UnavailableError
-from eal_actors.wire.format.messages import CallId
-from eal_actors.wire.rpc.freshness import MAX_DRIFT, CommandHistory, CommandRecord, Stamp, Stamper
+from eal_actors.wire.format.messages import CallHeader, CallId
+from eal_actors.wire.rpc.freshness import MAX_DRIFT, CommandHistory, CommandRecord, Stamper
 
 ERA = "era"
 
@@ -20,11 +20,16 @@ WAYS_S = st.sampled_from([0.0, 0.125, 0.5, 3.0])
 OUTCOMES = 3
 
 
+def stamped(stamper: Stamper, ttl_s: float, now_s: float) -> CallHeader:
+    number, era, echo_s, held_s = stamper.stamp(now_s)
+    return CallHeader(stamper.client, stamper.epoch, number, ttl_s, math.inf, era=era, echo_s=echo_s, held_s=held_s)
+
+
 @dataclass(frozen=True)
 class Sent:
     """A command on its way, and what nobody but the simulation knows: the robot's time when it was sent."""
 
-    stamp: Stamp
+    stamp: CallHeader
     resource: str
     sent_s: float
 
@@ -87,7 +92,7 @@ class HistoryMachine(RuleBasedStateMachine):
     def send(self, index: int, resource: str, ttl_s: float) -> None:
         controller = self.controllers[index]
         try:
-            stamp = controller.stamper.stamp(ttl_s, self.local_s(controller))
+            stamp = stamped(controller.stamper, ttl_s, self.local_s(controller))
         except UnavailableError:
             return
         self.letters.append(Sent(stamp, resource, self.now_s))
@@ -127,7 +132,7 @@ class HistoryMachine(RuleBasedStateMachine):
 
     def deliver(self, sent: Sent) -> None:
         stamp, resource = sent.stamp, sent.resource
-        client, epoch, sequence = stamp.call
+        client, epoch, sequence = stamp.call_id
         fits = (
             stamp.era == f"run {self.run}"
             and self.now_s - (stamp.echo_s + stamp.held_s * (1 - MAX_DRIFT)) <= stamp.ttl_s
@@ -140,10 +145,10 @@ class HistoryMachine(RuleBasedStateMachine):
             assert not self.must_pass(fits)
             return
         assert fits
-        assert stamp.call not in self.accepted
+        assert stamp.call_id not in self.accepted
         assert self.now_s - sent.sent_s <= stamp.ttl_s + 1e-6
-        self.accepted.add(stamp.call)
-        self.running.add(stamp.call)
+        self.accepted.add(stamp.call_id)
+        self.running.add(stamp.call_id)
         self.epochs[client] = epoch
         self.latest[client, epoch, resource] = sequence
 
@@ -182,8 +187,8 @@ TestForgetful = ForgetfulMachine.TestCase
 
 def stamp(
     client: str = "ann", sequence: int = 1, echo_s: float = 100.0, *, epoch: int = 0, ttl_s: float = 1.0
-) -> Stamp:
-    return Stamp(CallId(client, epoch, sequence), ttl_s, "run", echo_s, 0.0)
+) -> CallHeader:
+    return CallHeader(client, epoch, sequence, ttl_s, math.inf, era="run", echo_s=echo_s)
 
 
 def test_what_waited_while_the_robot_was_frozen_is_refused() -> None:
@@ -314,8 +319,8 @@ def test_outcomes_outlast_a_reconnect() -> None:
 def test_the_stamp_tells_when_it_was_sent_at_the_earliest() -> None:
     stamper = Stamper("ann")
     stamper.heard("run", 500.0, 10.0)
-    made = stamper.stamp(2.0, 11.0)
-    assert made.call == CallId("ann", 0, 1)
+    made = stamped(stamper, 2.0, 11.0)
+    assert made.call_id == CallId("ann", 0, 1)
     assert CommandHistory[str]("run").accept(made, "Wheels", 502.0) == 501.0 - MAX_DRIFT
 
 
@@ -323,24 +328,24 @@ def test_the_echo_that_tells_most_is_kept_and_renewed() -> None:
     stamper = Stamper("ann")
     stamper.heard("run", 500.0, 10.0)
     stamper.heard("run", 500.5, 13.0)  # this one took 2.5 s longer
-    assert stamper.stamp(1.0, 13.0).echo_s == 500.0
+    assert stamped(stamper, 1.0, 13.0).echo_s == 500.0
     stamper.heard("run", 502.9999, 13.0)
-    assert stamper.stamp(1.0, 13.0).echo_s == 502.9999
+    assert stamped(stamper, 1.0, 13.0).echo_s == 502.9999
     stamper.heard("run", 505.0, 23.0)
-    assert stamper.stamp(1.0, 23.0).echo_s == 505.0
+    assert stamped(stamper, 1.0, 23.0).echo_s == 505.0
 
 
 def test_a_robot_that_runs_anew_is_believed_at_once() -> None:
     stamper = Stamper("ann")
     stamper.heard("run", 500.0, 10.0)
     stamper.heard("next run", 0.5, 11.0)
-    made = stamper.stamp(1.0, 11.0)
+    made = stamped(stamper, 1.0, 11.0)
     assert (made.era, made.echo_s, made.held_s) == ("next run", 0.5, 0.0)
 
 
 def test_without_any_answer_nothing_can_be_stamped() -> None:
     with pytest.raises(UnavailableError, match="has not answered yet"):
-        Stamper("ann").stamp(1.0, 0.0)
+        Stamper("ann").stamp(0.0)
 
 
 def test_an_epoch_advances_only_as_far_as_a_controller_can_count() -> None:
@@ -355,18 +360,18 @@ def test_an_epoch_advances_only_as_far_as_a_controller_can_count() -> None:
 
 def test_a_number_advances_only_as_far_as_a_controller_can_count() -> None:
     history: CommandHistory[int] = CommandHistory(ERA)
-    history.accept(Stamp(CallId("ann", 0, 7), 1.0, ERA, 100.0, 0.0), "Arm", 100.0)
+    history.accept(CallHeader("ann", 0, 7, 1.0, 1.0, era=ERA, echo_s=100.0), "Arm", 100.0)
     for number in (1_000_009 + 1_000_000, 2**63):
         with pytest.raises(StaleCommandError, match="sequence cannot have advanced from 7"):
-            history.accept(Stamp(CallId("ann", 0, number), 1.0, ERA, 100.5, 0.0), "Eye", 100.5)
-    history.accept(Stamp(CallId("ann", 0, 1_000_007), 1.0, ERA, 100.5, 0.0), "Arm", 100.5)
+            history.accept(CallHeader("ann", 0, number, 1.0, 1.0, era=ERA, echo_s=100.5), "Eye", 100.5)
+    history.accept(CallHeader("ann", 0, 1_000_007, 1.0, 1.0, era=ERA, echo_s=100.5), "Arm", 100.5)
 
 
 def test_the_certificate_with_most_clients_loses_one_of_its_own() -> None:
     history: CommandHistory[int] = CommandHistory(ERA, clients=3)
-    quiet = Stamp(CallId("a" * 32, 0, 1), 1.0, ERA, 100.0, 0.0)
+    quiet = CallHeader("a" * 32, 0, 1, 1.0, 1.0, era=ERA, echo_s=100.0)
     history.accept(quiet, "Arm", 100.0)
-    history.finish(quiet.call, 1)
+    history.finish(quiet.call_id, 1)
     for number in range(9):
         history.enter("b" * 16 + f"{number:016x}", 1, 101.0)
-    assert history.recall(quiet.call) == CommandRecord(True, 1)
+    assert history.recall(quiet.call_id) == CommandRecord(True, 1)
