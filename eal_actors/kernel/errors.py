@@ -53,11 +53,12 @@ class DataError(EALError, ValueError, code="data"):
 
 
 def error_text(error: BaseException) -> str:
-    """Return an exception as `Type: message`, or its type alone if its `__str__` raises."""
+    """Return an exception as `Type: message`, or its type alone if it has no message or its `__str__` raises."""
+    name = type(error).__name__
     try:
-        return f"{type(error).__name__}: {error}"
+        return f"{name}: {error}" if str(error) else name
     except Exception:  # noqa: BLE001
-        return type(error).__name__
+        return name
 
 
 def message_of(error: BaseException) -> str:

@@ -41,3 +41,12 @@ def test_a_copy_of_a_configuration_error_keeps_its_problems(copied: Callable[[Co
 def test_every_code_stands_for_one_error() -> None:
     codes = [kind.code for kind in tree() if "code" in vars(kind)]
     assert len(codes) == len(set(codes))
+
+
+def test_the_text_of_an_exception_ends_with_no_colon_without_a_message() -> None:
+    class MuteError(Exception):
+        def __str__(self) -> str:
+            raise RuntimeError
+
+    texts = [errors.error_text(error) for error in (ValueError("no"), MemoryError(), SystemExit(3), MuteError("x"))]
+    assert texts == ["ValueError: no", "MemoryError", "SystemExit: 3", "MuteError"]
