@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any, Final
 
+from rich.console import Console
 from rich.text import Text
 
 from eal_actors.cli.options import GlobalOptions
@@ -71,8 +72,10 @@ def exit_code(error: errors.EALError) -> ExitCode:
     return _row(error)[1]
 
 
-def report_error(error: errors.EALError, options: GlobalOptions, *, as_json: bool = False) -> ExitCode:
-    """Print an error and what to do next on stderr; return its exit code.
+def report_error(
+    error: errors.EALError, options: GlobalOptions, *, as_json: bool = False, console: Console | None = None
+) -> ExitCode:
+    """Print an error and what to do next on stderr, or a console; return its exit code.
 
     `--log-format json` makes it a log line; `--log-level debug` adds the traceback. In a command with `--json`, it is
     JSON on stdout, in place of the result.
@@ -84,7 +87,7 @@ def report_error(error: errors.EALError, options: GlobalOptions, *, as_json: boo
     if options.log_format == "json":
         get_logger().error(str(error), code=error.code, exit_code=int(code), exc_info=options.log_level == "debug")
         return code
-    console = stderr()
+    console = console or stderr()
     if options.log_level == "debug":
         console.print("".join(traceback.format_exception(error)), end="", soft_wrap=True)
     if isinstance(error, errors.ConfigError):

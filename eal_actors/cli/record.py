@@ -11,7 +11,7 @@ from eal_actors.cli.completion import complete_robots
 from eal_actors.cli.fleets import in_real_time, read_fleet
 from eal_actors.cli.interrupts import handle_signals
 from eal_actors.cli.options import FleetOption
-from eal_actors.cli.output import counted, print_line, stdout
+from eal_actors.cli.output import counted, print_line, service_output
 from eal_actors.cli.run_options import RecordOption, RunsDirOption
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import new_waiter
@@ -38,14 +38,14 @@ def record_fleet(
     handle_signals()
     config = in_real_time(read_fleet(fleet, robots or []))
     require_modules(config, config.robots)
-    out = stdout()
+    out = service_output()
     with Fleet(config).connect() as opened:
         repair_interrupted(runs_dir)
         directory = new_run_folder(runs_dir, "record")
         with LiveRecord(opened, directory, record):
             end = "Ctrl-C ends it" if duration_s is None else f"for {duration_s:g} s"
-            print_line(out, f"recording {counted(len(opened), 'robot')} to {directory}: {end}")
             try:
+                print_line(out, f"recording {counted(len(opened), 'robot')} to {directory}: {end}")
                 opened.clock.wait(new_waiter(), opened.clock.of_real(duration_s) if duration_s is not None else None)
             except KeyboardInterrupt:
                 print_line(out, "ending the record", "dim")

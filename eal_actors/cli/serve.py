@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from contextlib import contextmanager
@@ -116,4 +117,4 @@ def _reload(service: RobotService, out: Console, options: GlobalOptions) -> None
     try:
         print_line(out, f"reloaded: {service.reload()}")
     except EALError as error:
-        report_error(error, options)
+        report_error(error, options, console=service_output(sys.stderr))

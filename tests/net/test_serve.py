@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import pty
+import sys
 import termios
+import threading
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -13,6 +15,9 @@ import pytest
 
 from eal_actors import Fleet, gather
 from eal_actors.actors.robot_view import RobotState
+from eal_actors.cli.options import GlobalOptions
+from eal_actors.cli.output import service_output
+from eal_actors.cli.serve import _reload
 from eal_actors.facade.service import RobotService
 from eal_actors.kernel.errors import DataError, ResourceFaultError, RobotFailedError, UnavailableError
 from eal_actors.wire.session import open_session, router_config
@@ -36,6 +41,27 @@ def test_it_ends_at_sigterm_while_its_terminal_is_paused(tmp_path: Path) -> None
         stack.enter_context(ready(Fleet(rig.config)))
         server.terminate()
         assert server.wait(WAIT_S) == 0
+
+
+def test_the_error_of_a_reload_does_not_wait_for_a_paused_terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = Rig(tmp_path)
+    with ExitStack() as stack:
+        master, slave = pty.openpty()
+        stack.callback(os.close, master)
+        terminal = stack.enter_context(os.fdopen(slave, "w", encoding="utf-8"))
+        stack.callback(termios.tcflow, slave, termios.TCOON)
+        service = stack.enter_context(RobotService(rig.config, "r1"))
+        rig.file.write_text("{")
+        termios.tcflow(slave, termios.TCOOFF)
+        monkeypatch.setattr(sys, "stderr", terminal)
+        thread = threading.Thread(target=_reload, args=(service, service_output(), GlobalOptions()), daemon=True)
+        thread.start()
+        thread.join(WAIT_S / 3)
+        assert not thread.is_alive()
+        termios.tcflow(slave, termios.TCOON)
+        assert b"not valid YAML" in os.read(master, 10_000)
 
 
 def test_a_robot_that_has_failed_is_served_with_the_reason(tmp_path: Path) -> None:
