@@ -7,8 +7,10 @@ import pty
 import sys
 import termios
 import threading
-from collections.abc import Iterator
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from contextlib import ExitStack, suppress
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -19,8 +21,12 @@ from eal_actors.cli.options import GlobalOptions
 from eal_actors.cli.output import service_output
 from eal_actors.cli.serve import _reload
 from eal_actors.facade.service import RobotService
+from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import DataError, ResourceFaultError, RobotFailedError, UnavailableError
-from eal_actors.wire.session import open_session, router_config
+from eal_actors.wire.rpc.server.outbox import Outbox
+from eal_actors.wire.rpc.server.server_tokens import ServerTokens
+from eal_actors.wire.session import open_session, robot_config, router_config
+from eal_actors.wire.transport import Transport
 from tests.net.links import eventually, free_port
 from tests.net.rig import WAIT_S, Rig, failure, ready, servers
 from tests.plugin_files import write_plugin
@@ -86,6 +92,17 @@ def test_a_robot_that_fits_no_handshake_is_refused(tmp_path: Path) -> None:
         RobotService(rig.config, "r1").open()
 
 
+def look_in_step(look: Callable[[], dict[str, str]], in_step: threading.Barrier) -> dict[str, str]:
+    """Look for other processes at the same instant as they do, and once their tokens have passed the router."""
+    with suppress(threading.BrokenBarrierError):
+        in_step.wait()
+        REAL_TIME.sleep(0.1)
+    others = look()
+    with suppress(threading.BrokenBarrierError):
+        in_step.wait()
+    return others
+
+
 class TestBehindARouter:
     """Two processes served one robot, and both carried out its commands."""
 
@@ -107,6 +124,36 @@ class TestBehindARouter:
             assert rig.steps() == [str(number) for number in range(6)]
         with rig.served_here():
             pass  # the first one has left
+
+    def test_one_of_those_that_start_together_remains(self, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Each refused for the others, and a service manager started them again together, for ever."""
+        processes = "first", "second", "third"
+        with ExitStack() as stack:
+            in_step = threading.Barrier(len(processes))
+            tokens = {process: self.tokens(rig, process, stack) for process in processes}
+            for one in tokens.values():
+                monkeypatch.setattr(one, "_others", partial(look_in_step, one._others, in_step))
+            pool = stack.enter_context(ThreadPoolExecutor(len(processes)))
+            claims = {process: pool.submit(one.claim) for process, one in tokens.items()}
+            wait(claims.values(), WAIT_S, FIRST_COMPLETED)
+            in_step.abort()
+            errors = {process: claim.exception(WAIT_S) for process, claim in claims.items()}
+            assert errors["first"] is None
+            for process in processes[1:]:
+                assert isinstance(errors[process], UnavailableError)
+
+    def test_one_that_serves_the_robot_outlasts_one_that_goes_first(self, rig: Rig) -> None:
+        with ExitStack() as stack:
+            tokens = self.tokens(rig, "second", stack)
+            tokens.claim()
+            tokens.announce()
+            with pytest.raises(UnavailableError, match="r1: is served already, by"):
+                self.tokens(rig, "first", stack).claim()
+
+    def tokens(self, rig: Rig, process: str, stack: ExitStack) -> ServerTokens:
+        """Return the tokens of a process with an identifier, on a session of its own."""
+        session = stack.enter_context(open_session(robot_config(rig.config, "r1")))
+        return ServerTokens(Outbox(process, Transport(session)), "f", "r1", process, rig.config.network.lease_s)
 
     def test_the_place_of_a_process_that_was_cut_off_is_taken(self, rig: Rig) -> None:
         with servers(rig) as running:

@@ -3,6 +3,8 @@
 Where a process listens itself, its port refuses a second one. Behind a router, each declares a token of its own, then
 looks for those of others: so of two that start together, each sees the other's. The token of a process that was cut
 off stays until its link's lease has passed, so one that meets another one's token waits that long before it gives up.
+The one with the smallest identifier waits twice as long: of those that start together it remains when the others have
+given up, while one that serves the robot outlasts them all.
 """
 
 from __future__ import annotations
@@ -43,17 +45,20 @@ class ServerTokens:
     def claim(self) -> None:
         """Become the only process that serves the robot; call `announce` next.
 
-        Raises UnavailableError, with the names of the others, if others serve it for longer than a lease. Thread:
-        blocks the caller for that long if there is another.
+        Raises UnavailableError, with the names of the others, if others serve it for longer than a lease, or two
+        for the smallest identifier. Thread: blocks the caller for that long if there is another.
         """
         if not self._outbox.transport.is_relayed:
             return
         self._declare(keys.server_key(self._fleet, self._robot, self._process, process_name()[:_MAX_NAME]))
-        end_s = REAL_TIME.now() + self._lease_s + _LATE_S
+        begin_s, patience_s = REAL_TIME.now(), self._lease_s + _LATE_S
         while others := self._others():
-            if REAL_TIME.now() > end_s:
+            is_first = self._process < min(others)
+            if REAL_TIME.now() - begin_s > (2 * patience_s if is_first else patience_s):
                 self.withdraw()
-                error = UnavailableError(f"is served already, by {' and '.join(others)}", robot=self._robot)
+                error = UnavailableError(
+                    f"is served already, by {' and '.join(sorted(others.values()))}", robot=self._robot
+                )
                 error.add_note("End that process first, or serve this robot under a name of its own.")
                 raise error
             REAL_TIME.sleep(_LOOK_S)
@@ -78,9 +83,9 @@ class ServerTokens:
     def _declare(self, key: str) -> None:
         self._tokens[key] = self._outbox.transport.session.liveliness().declare_token(key)
 
-    def _others(self) -> list[str]:
-        """Return the names of the other processes that serve the robot."""
+    def _others(self) -> dict[str, str]:
+        """Return the names of the other processes that serve the robot, or begin to, by their identifiers."""
         wanted = keys.server_key(self._fleet, self._robot, None, None)
         replies = self._outbox.transport.session.liveliness().get(wanted, timeout=_ANSWER_S)
         found = [keys.parse_server(str(reply.ok.key_expr)) for reply in replies if reply.ok is not None]
-        return sorted(name for process, name in found if process != self._process)
+        return {process: name for process, name in found if process != self._process}
