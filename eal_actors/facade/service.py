@@ -65,6 +65,7 @@ class RobotService:
         self._host = host
         self._server: RobotServer | None = None
         self._server_lock = threading.Lock()
+        self._failure: EALError | None = None
         self._stack = ExitStack()
         self.dead_man_trips: dict[str, int] = {}
 
@@ -123,7 +124,9 @@ class RobotService:
         Raises:
             ConfigError: the file is wrong, or changes what cannot change while the robot is served: its address,
                 `listen`, `exclusive`, the network, and what Fleet.reload refuses. Nothing has changed then.
-            UnavailableError: the service is not open.
+            DataError: as `open`. The robot is then restarted as it was, and served again.
+            UnavailableError: the service is not open; or another process has taken the robot's place behind a router,
+                and `wait` raises it too.
             UnsupportedError: the robot shares the process with others.
 
         Thread: any; blocks the caller.
@@ -135,12 +138,27 @@ class RobotService:
         with self._server_lock:
             changes = self._fleet.check_reload(_local(config, [self._name]))
             if self._host is not None and changes.restarted:
-                self._close_server()  # controllers see the robot leave, and then come back as it is
-                try:
-                    self._fleet.reload(_local(config, [self._name]))
-                finally:
-                    self._serve(self._host)
+                self._replace(self._host, _local(config, [self._name]))
         return changes
+
+    def _replace(self, host: RobotHost, config: FleetConfig) -> None:
+        """Serve the robot of another configuration, or else, with its error, of the former one."""
+        former = self._fleet.config
+        self._close_server()  # controllers see the robot leave, and then come back as it is
+        try:
+            self._restart(host, config)
+        except EALError as error:
+            try:
+                self._restart(host, former)
+            except EALError as last:
+                self._failure = last
+                raise
+            error.add_note("The robot was restarted with the former settings. Correct the file, then reload it again.")
+            raise
+
+    def _restart(self, host: RobotHost, config: FleetConfig) -> None:
+        self._fleet.reload(config)
+        self._serve(host)
 
     def _refuse_changes(self, config: FleetConfig) -> None:
         robot = config.robots.get(self._name)
@@ -159,7 +177,7 @@ class RobotService:
         """Wait until the server crashes, or the service is closed.
 
         Raises:
-            UnavailableError: the server has crashed; restart the process.
+            UnavailableError: the server has crashed, or not come back from a reload; restart the process.
             RuntimeError: it is not open.
 
         Thread: blocks the caller.
@@ -172,6 +190,8 @@ class RobotService:
             ended.wait()
             with self._server_lock:  # a reload replaces it
                 pass
+        if self._failure is not None:
+            raise self._failure
 
     def _check_exclusive(self) -> None:
         source, path = str(self._config.source), f"robots.{self._name}.exclusive"

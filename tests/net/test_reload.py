@@ -10,16 +10,19 @@ import subprocess
 import sys
 import termios
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 
 from eal_actors import Fleet
 from eal_actors.actors.robot_view import RobotState
 from eal_actors.facade.service import RobotService
-from eal_actors.kernel.errors import ConfigError, RobotNotFoundError
+from eal_actors.kernel.errors import ConfigError, RobotNotFoundError, UnavailableError
 from eal_actors.managers.fleet_changes import FleetChanges
+from eal_actors.wire.rpc.server.host import RobotHost
 from tests.net.links import eventually, free_port
 from tests.net.rig import WAIT_S, Rig, becomes, ready, serving
+from tests.plugin_files import write_plugin
 
 
 def test_robots_come_go_and_move_while_another_is_commanded(tmp_path: Path) -> None:
@@ -108,6 +111,43 @@ def test_a_service_of_a_robot_that_left_the_file_continues(tmp_path: Path) -> No
         ):
             service.reload()
         assert service.robot["Arm"].send_cmd("step1").get() == 1
+
+
+def test_a_robot_that_fits_no_handshake_any_more_is_served_as_it_was(tmp_path: Path) -> None:
+    """Its service ended without an error, and `eal serve` with exit code 0."""
+    rig = Rig(tmp_path)
+    code = "from eal_actors.plugin import EALPlugin, Resource\nclass Lamp(Resource):\n    __doc__ = 'x' * 2**20\n"
+    write_plugin(tmp_path, "lamp", code, "Lamp")
+    rig.content["plugin_dirs"].append("plugins")
+    rig.write()
+    with serving(rig.file, "r1") as servers, ready(Fleet(rig.config)) as fleet:
+        assert fleet["r1"]["Arm"].send_cmd("step1").get() == 1
+        rig.content["robots"]["r1"]["plugins"]["lamp"] = {}
+        rig.write()
+        servers["r1"].signal(signal.SIGHUP)
+        servers["r1"].wait_for("r1: cannot be served: the information of its resources")
+        servers["r1"].wait_for("The robot was restarted with the former settings.")
+        assert eventually(lambda: not fleet["r1"]["Arm"].send_cmd("step2").exception())
+        assert "Lamp" not in fleet["r1"]
+        servers["r1"].signal(signal.SIGTERM)
+        assert servers["r1"].wait() == 0
+
+
+def test_a_service_ends_with_the_error_if_a_reload_cannot_serve_the_robot_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> NoReturn:
+        raise UnavailableError("is served already, by somebody", robot="r1")
+
+    rig = Rig(tmp_path)
+    with RobotService(rig.config, "r1") as service:
+        monkeypatch.setattr(RobotHost, "serve", refuse)
+        rig.content["robots"]["r1"]["timeout_s"] = 1.0
+        rig.write()
+        with pytest.raises(UnavailableError, match="by somebody"):
+            service.reload()
+        with pytest.raises(UnavailableError, match="by somebody"):
+            service.wait()
 
 
 def test_eal_serve_ends_when_its_terminal_closes(tmp_path: Path) -> None:
