@@ -280,8 +280,8 @@ class RobotActor(EALActor, RobotConnection):
 
     def _fail(self, error: RobotFailedError) -> None:
         self._log.error("robot has failed", reason=error.message)
-        self.view.state = RobotState.FAILED
         self.view.problems = (*self.view.problems, error)
+        self.view.state = RobotState.FAILED  # after its reason, which observers of the state read
         self._shut_down_children(error)
         self.view.started.set(None)
 

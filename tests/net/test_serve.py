@@ -23,12 +23,13 @@ from eal_actors.cli.serve import _reload
 from eal_actors.facade.service import RobotService
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import DataError, ResourceFaultError, RobotFailedError, UnavailableError
+from eal_actors.wire.rpc.client.remote_robot import RemoteRobot
 from eal_actors.wire.rpc.server.outbox import Outbox
 from eal_actors.wire.rpc.server.server_tokens import ServerTokens
 from eal_actors.wire.session import open_session, robot_config, router_config
 from eal_actors.wire.transport import Transport
 from tests.net.links import eventually, free_port
-from tests.net.rig import WAIT_S, Rig, failure, ready, servers
+from tests.net.rig import WAIT_S, Rig, becomes, failure, ready, servers
 from tests.plugin_files import write_plugin
 from tests.program import eal_processes
 
@@ -75,7 +76,9 @@ def test_a_robot_that_has_failed_is_served_with_the_reason(tmp_path: Path) -> No
     with rig.served_here() as fleet:
         robot = fleet["r1"]
         failure(robot["Arm"].send_cmd("crash"), ResourceFaultError)
-        assert eventually(lambda: robot.ping().get(timeout=WAIT_S).state is RobotState.FAILED)
+        assert becomes(robot, RobotState.FAILED)
+        assert robot.ping().get(timeout=WAIT_S).state is RobotState.FAILED
+        assert "stopped safely after more than 0 restarts" in robot.problems[-1].message
         assert "stopped safely after more than 0 restarts" in str(failure(robot["Arm"].get_value(), RobotFailedError))
         assert rig.notes("halt")
 
@@ -101,6 +104,36 @@ def look_in_step(look: Callable[[], dict[str, str]], in_step: threading.Barrier)
     with suppress(threading.BrokenBarrierError):
         in_step.wait()
     return others
+
+
+def test_the_state_follows_a_robot_that_has_failed_and_its_server_that_starts_again(tmp_path: Path) -> None:
+    """It was ready, as far as controllers saw."""
+    rig = Rig(tmp_path, extra={"defaults": {"max_restarts": 0}})
+    with servers(rig) as running, ready(Fleet(rig.config)) as fleet:
+        robot = fleet["r1"]
+        states: list[RobotState] = []
+        robot.on_state(states.append)
+        failure(robot["Arm"].send_cmd("crash"), ResourceFaultError)
+        assert becomes(robot, RobotState.FAILED)
+        with Fleet(rig.config) as late:
+            assert late["r1"].state is RobotState.FAILED  # for one that connects now too
+        reason = failure(robot["Arm"].send_cmd("step0"), RobotFailedError).message
+        with pytest.raises(RobotFailedError, match=f"^r1: {reason}"):
+            robot.require_started()
+        running.start("r1")
+        assert becomes(robot, RobotState.READY), robot.problems
+        assert robot["Arm"].send_cmd("step1").get(timeout=WAIT_S) == 1
+        assert states == [RobotState.READY, RobotState.FAILED, RobotState.LOST, RobotState.READY]
+
+
+def test_a_ping_repairs_a_state_whose_event_was_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(tmp_path, extra={"defaults": {"max_restarts": 0}})
+    with rig.served_here() as fleet:
+        robot = fleet["r1"]
+        monkeypatch.setattr(RemoteRobot, "_handle_robot_event", lambda *_: None)
+        failure(robot["Arm"].send_cmd("crash"), ResourceFaultError)
+        assert eventually(lambda: robot.ping().get(timeout=WAIT_S).state is RobotState.FAILED)
+        assert becomes(robot, RobotState.FAILED)
 
 
 class TestBehindARouter:

@@ -30,6 +30,8 @@ from eal_actors.wire.security.access import Rights
 
 T = TypeVar("T")
 
+CONNECTED: Final = (RobotState.READY, RobotState.FAILED)
+"""States of a robot since its handshake; the robot's server outlives the robot's failure."""
 _GRACE_S: Final = 1.0
 """Real seconds after a request's time-out by which its failure is reported."""
 
@@ -121,8 +123,8 @@ class Channel:
 
     @property
     def is_ready(self) -> bool:
-        """Whether the robot is reachable and the handshake is done."""
-        return self._view.state is RobotState.READY and self.controller.is_alive(self.name)
+        """Whether the robot is reachable and the handshake is done; one that has failed answers calls too."""
+        return self._view.state in CONNECTED and self.controller.is_alive(self.name)
 
     def to_robot_time(self, start_s: float | None, data: EALData | None) -> tuple[float | None, EALData | None]:
         """Return a start time and a value with its stamp, both by our fleet's clock, by the robot's clock instead.

@@ -12,6 +12,7 @@ from typing import Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from eal_actors.actors.robot_view import RobotState
 from eal_actors.device.info import METHODS, ResourceInfo
 from eal_actors.kernel.errors import EALError, ProtocolError, error_text
 from eal_actors.wire.format.messages import Answer
@@ -30,6 +31,7 @@ class Handshake:
         rights: calls that it grants; None for all.
         running: rows of running commands; see CommandBoard.replace.
         process: the process that serves it, if that takes batches; else empty.
+        has_failed: whether it is served only to report the reason, the last one of `problems`.
     """
 
     infos: tuple[ResourceInfo, ...]
@@ -39,6 +41,7 @@ class Handshake:
     rights: Rights | None
     running: object
     process: str
+    has_failed: bool
 
     @classmethod
     def decode(cls, answer: Answer, certificate: str | None) -> Self:
@@ -59,6 +62,7 @@ class Handshake:
                 None if certificate is None else Rights.decode(answer.get("rights"), certificate),
                 answer.get("running", ()),
                 str(answer.get("process", "")),
+                answer.get("state") == RobotState.FAILED.value,
             )
         except (ProtocolError, AttributeError, KeyError, TypeError) as error:
             raise ProtocolError(f"has sent a malformed handshake: {error_text(error)}") from error

@@ -21,14 +21,14 @@ from eal_actors.actors.future import Future
 from eal_actors.actors.robot_view import Ping, RobotState, RobotView, RunningCommand
 from eal_actors.device.link import FaultyLink
 from eal_actors.kernel.clock import REAL_TIME
-from eal_actors.kernel.errors import ProtocolError, UnavailableError, error_text
+from eal_actors.kernel.errors import EALError, ProtocolError, RobotFailedError, UnavailableError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import RobotConfig
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import Answer, RobotEvent, RobotTime
 from eal_actors.wire.format.packing import check_version
 from eal_actors.wire.rpc.client.call_queue import CallQueue
-from eal_actors.wire.rpc.client.channel import Channel
+from eal_actors.wire.rpc.client.channel import CONNECTED, Channel
 from eal_actors.wire.rpc.client.clock_offset import PING_PERIOD_S, PING_TIMEOUT_S
 from eal_actors.wire.rpc.client.command_tracking import CommandBoard, localized_progress, progress_from
 from eal_actors.wire.rpc.client.controller import Controller, RobotListener
@@ -150,7 +150,7 @@ class RemoteRobot(EALActor):
         self.actor_inbox.call_later(self.clock.of_real(_HELLO_RETRY_S), self._shake_hands_if_alive)
 
     def _shake_hands_if_alive(self) -> None:
-        if self._controller.is_alive(self.name) and self.view.state is not RobotState.READY:
+        if self._controller.is_alive(self.name) and self.view.state not in CONNECTED:
             self._shake_hands()
 
     def _finish_handshake(self, answer: Answer | None) -> None:
@@ -169,19 +169,27 @@ class RemoteRobot(EALActor):
         is_another = handshake.process != self._channel.process
         self._channel.rights, self._channel.process = handshake.rights, handshake.process
         self._channel.memory.reset()
-        if is_another or self.view.state is not RobotState.READY:  # else its calls already take one way, and keep to it
+        if is_another or self.view.state not in CONNECTED:  # else its calls already take one way, and keep to it
             lose_all = self._channel.pending.lose_all
             self._controller.local.connect(self.name, handshake.process, self.address, lose_all)
         self.view.not_ready = dict(handshake.not_ready)
         self._update_cells(handshake)
         self._update_stop(handshake.stopped)
-        if self.view.state is not RobotState.READY:
-            self._log.info("robot is ready", address=self.address)
-        self.view.state = RobotState.READY
+        self._note_connected(handshake)
         self.view.started.set(None)
         self.calls.tracker.reattach()
         self._feeds.renew()
         self.ping()  # measures the clock offset better than the handshake
+
+    def _note_connected(self, handshake: Handshake) -> None:
+        state = RobotState.FAILED if handshake.has_failed else RobotState.READY
+        if self.view.state is state:
+            return
+        if handshake.has_failed:
+            self._log.warning("robot has failed", reason="; ".join(handshake.problems[-1:]))
+        else:
+            self._log.info("robot is ready", address=self.address)
+        self.view.state = state
 
     def _update_cells(self, handshake: Handshake) -> None:
         cells = dict(self.view.cells)
@@ -199,7 +207,11 @@ class RemoteRobot(EALActor):
             cells[name].actor = None
             cells[name].error = UnavailableError("the robot no longer has it")
         self.view.cells = cells
-        self.view.problems = tuple(UnavailableError(problem, robot=self.name) for problem in handshake.problems)
+        problems: list[EALError] = [UnavailableError(problem, robot=self.name) for problem in handshake.problems]
+        if handshake.has_failed and problems:
+            reason = problems[-1].message.removeprefix(f"{RobotFailedError.__name__}: {self.name}: ")
+            problems[-1] = RobotFailedError(reason, robot=self.name)
+        self.view.problems = tuple(problems)
 
     def _update_stop(self, stopped: str | None) -> None:
         """Copy the robot's emergency stop; a stop that has not reached the robot is sent again."""
@@ -213,7 +225,7 @@ class RemoteRobot(EALActor):
             self.view.latch.clear()
 
     def _lose(self, reason: str) -> None:
-        if self.view.state in (RobotState.READY, RobotState.LOST):  # of two reasons the later one is right
+        if self.view.state in (*CONNECTED, RobotState.LOST):  # of two reasons the later one is right
             self._note_lost(f"{reason}; reconnecting")
 
     def _give_up_commands(self, losses: int) -> None:
@@ -245,6 +257,9 @@ class RemoteRobot(EALActor):
             if isinstance(answer, dict):  # always true after read_ping
                 self._board.replace(answer.get("running", ()), answer["received_s"])
             self.view.not_ready = dict(ping.not_ready)
+            state = self.view.state
+            if ping.state is not state and RobotState.FAILED in (ping.state, state) and self._channel.is_ready:
+                self._channel.run_soon(self._shake_hands)  # the event of its state was lost
             return replace(ping, running=self.running(), warnings=(*ping.warnings, *self._controller.warnings()))
 
         return self._channel.call(keys.PING, (), PING_TIMEOUT_S, read)
@@ -311,13 +326,13 @@ class RemoteRobot(EALActor):
     def _leave(self) -> None:
         if self.view.state is RobotState.STOPPED:
             return
-        was_ready = self.view.state is RobotState.READY
+        was_connected = self.view.state in CONNECTED
         self.view.state = RobotState.STOPPED
         error = UnavailableError("the robot is disconnected")
         for cell in self.view.cells.values():
             cell.close(error)
         self.calls.close(error)
-        if was_ready:
+        if was_connected:
             self.actor_inbox.call_later(self.clock.of_real(_LEAVE_TIMEOUT_S), self._stop)
             self._channel.request(keys.LEAVE, (), _LEAVE_TIMEOUT_S, lambda _: self._stop())
         else:
