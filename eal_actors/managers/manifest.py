@@ -270,6 +270,15 @@ def discover(plugin_dirs: Iterable[Path]) -> tuple[dict[str, PluginManifest], tu
     return dict(sorted(found.items())), tuple(errors)
 
 
+def explain_unknown_plugin(name: str, manifests: Mapping[str, PluginManifest], errors: Iterable[EALError]) -> str:
+    """Return the message for a plugin that `discover` did not find, from what it returned."""
+    for manifest in manifests.values():
+        if (remedy := manifest.file.former_names.get(name)) is not None:
+            return f"the plugin {name!r} is now part of {manifest.name!r}: write {remedy}"
+    unread = "; ".join(map(str, errors))
+    return unknown_name("plugin", name, manifests) + (f" (could not be read: {unread})" if unread else "")
+
+
 def _plugin_folders(plugin_dirs: Iterable[Path], errors: list[EALError]) -> Iterable[Path]:
     for directory in [*plugin_dirs, bundled_path("plugins")]:
         if directory.is_dir():

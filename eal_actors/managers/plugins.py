@@ -34,7 +34,7 @@ from eal_actors.device.world import WorldModel
 from eal_actors.kernel.errors import ArgumentError, ConfigError, EALError, PluginError, Problem, error_text
 from eal_actors.kernel.strict_model import model_of, wording_of
 from eal_actors.managers.fleet_model import PluginSettings, RobotConfig
-from eal_actors.managers.manifest import PluginManifest, discover
+from eal_actors.managers.manifest import PluginManifest, discover, explain_unknown_plugin
 
 _PACKAGE: Final = "eal_plugins"
 _import_lock = threading.RLock()
@@ -268,7 +268,9 @@ class EALPluginManager:
 
     def _checked_settings(self, settings: PluginSettings) -> tuple[PluginManifest, ModuleType, Any]:
         if (manifest := self.manifests.get(settings.plugin)) is None:
-            raise ConfigError([settings.problem((), self._explain_unknown(settings.plugin))])
+            raise ConfigError(
+                [settings.problem((), explain_unknown_plugin(settings.plugin, self.manifests, self.errors))]
+            )
         module = import_plugin(manifest)
         if (model := getattr(module, "Settings", None)) is None:
             if settings.settings:
@@ -284,13 +286,6 @@ class EALPluginManager:
             raise
         except Exception as error:
             raise PluginError(f"plugin {manifest.name!r}: its Settings raised {error_text(error)}") from error
-
-    def _explain_unknown(self, name: str) -> str:
-        for manifest in self.manifests.values():
-            if (remedy := manifest.file.former_names.get(name)) is not None:
-                return f"the plugin {name!r} is now part of {manifest.name!r}: write {remedy}"
-        unread = f" (could not be read: {'; '.join(map(str, self.errors))})" if self.errors else ""
-        return unknown_name("plugin", name, self.manifests) + unread
 
 
 def _begin_pose(robot: RobotConfig, instance: str, services: FleetServices) -> None:

@@ -13,7 +13,7 @@ from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.lock_step import MAX
 from eal_actors.kernel.yaml_tree import MarkedDict, YamlTree, texts_in
 from eal_actors.managers.fleet_model import FleetConfig, PluginSettings, RobotConfig
-from eal_actors.managers.manifest import PluginManifest, TwinSection, discover
+from eal_actors.managers.manifest import PluginManifest, TwinSection, discover, explain_unknown_plugin
 from eal_actors.managers.missing_modules import require_modules
 
 _CANNOT: Final = "cannot be simulated"
@@ -74,7 +74,8 @@ class _TwinBuilder:
         self.bodies: dict[str, str] = {}
         self._config = config
         self._keep = keep
-        manifests, _ = discover(config.plugin_dirs)
+        manifests, self._errors = discover(config.plugin_dirs)
+        self._manifests = manifests
         self._twins = {name: found.file.twin for name, found in manifests.items() if found.file.twin is not None}
         self._worlds = world_urls(manifests)
 
@@ -95,6 +96,11 @@ class _TwinBuilder:
         drivers = [(one, twin) for one in robot.plugins.values() if (twin := self._twins.get(one.plugin)) is not None]
         if len(drivers) == 1:
             driver, twin = drivers[0]
+            if twin.plugin not in self._manifests:
+                unknown = explain_unknown_plugin(twin.plugin, self._manifests, self._errors)
+                return driver.problem(
+                    (), f"{_CANNOT}: the manifest of {driver.plugin} names a twin that is not installed: {unknown}"
+                )
             self.replaced[robot.name] = f"simulated by {_describe(twin)} in place of {driver.plugin}"
             self.bodies[robot.name] = robot.name
             return replace(robot, plugins={twin.plugin: _settings(robot.name, driver, twin), **kept})

@@ -27,6 +27,7 @@ from eal_actors.plugin import FleetServices, PluginContext
 from eal_actors.scenario import Scenario, load_scenario, parse_scenario
 from plugins.sim import plugin as sim
 from tests.manual_clock import ManualClock
+from tests.plugin_files import write_plugin
 from tests.scenario_texts import scenario_of
 
 RADIUS_M = 0.17  # of a Roomba
@@ -273,6 +274,24 @@ def test_what_cannot_be_simulated_is_refused_where_it_is_needed_and_left_out_whe
         "a": {"sim", "system"},
         "b": {"sample"},
     }
+
+
+def test_a_twin_that_is_not_installed_is_named_with_the_plugin_whose_manifest_names_it(tmp_path: Path) -> None:
+    write_plugin(tmp_path, "lift", "", "Base")
+    manifest = tmp_path / "plugins/lift/plugin.yaml"
+    manifest.write_text(json.dumps(json.loads(manifest.read_text()) | {"twin": {"plugin": "sims"}}))
+    file = tmp_path / "fleet.yaml"
+    file.write_text(
+        "version: 1\nplugin_dirs: [plugins]\nrobots:\n"
+        "  a: {plugins: {sim: {model: roomba}}}\n  b: {plugins: {lift: {}}}\n"
+    )
+    with pytest.raises(ConfigError) as refused:
+        simulated(of(file), ["a", "b"])
+    (problem,) = refused.value.problems
+    assert (problem.line, problem.path) == (5, "robots.b.plugins.lift")
+    reason = "cannot be simulated: the manifest of lift names a twin that is not installed: unknown plugin 'sims'"
+    assert problem.message == f"{reason}; did you mean 'sim'?"
+    assert simulated(of(file), ["a"]).left_out == {"b": problem.message}
 
 
 def test_robots_of_other_processes_are_rehearsed_in_this_one() -> None:
