@@ -110,8 +110,9 @@ class ManualMeasurement(SquareMeasurement):
         with self._clock.outside():
             answer = sys.stdin.readline()
         if not answer:
-            advice = "run the command on a terminal, or name a file with --ends"
-            raise ArgumentError(f"no answer where {self._robot} ended: {advice}")
+            error = ArgumentError(f"no answer where {self._robot} ended")
+            error.add_note("Run the command on a terminal, or name a file with --ends.")
+            raise error
         return answer.strip()
 
 

@@ -128,6 +128,8 @@ def advise_on_device(message: str) -> str:
         return "`sudo usermod -aG {} {}`, then log out and in again.".format(*forbidden.groups())
     if "only root may open it" in message:
         return SEE_RULE
+    if "have it open" in message:
+        return SEE_HOLDER.replace("that program", "those programs")
     return SEE_HOLDER if "has it open" in message else ""
 
 

@@ -16,7 +16,8 @@ from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.wire.format import keys
 from eal_actors.wire.rpc.client.broadcast import ask_robots
 
-_LOCAL: Final = "runs in its controller's process: only that process can stop it"
+_LOCAL: Final = "runs in its controller's process: only that process can {} it"
+_VERBS: Final = {keys.STOP: "stop", keys.RESUME: "resume"}
 
 
 def stop_robots(
@@ -55,7 +56,7 @@ def _send_to_all(config: FleetConfig, method: str, arguments: tuple[str, ...], d
         ask_robots(config, remote, method, arguments, on_result=record)
     for name, robot in config.robots.items():
         if robot.address is None:
-            record(name, UnavailableError(_LOCAL, robot=name))
+            record(name, UnavailableError(_LOCAL.format(_VERBS[method]), robot=name))
     if as_json:
         entries = [
             {"name": name, "confirmed": error is None, "reason": None if error is None else error.message}

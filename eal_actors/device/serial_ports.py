@@ -87,8 +87,8 @@ def _explained(error: Exception, url: str) -> Exception:
     if number == errno.ENOTTY:
         return PluginError(f"{url} is no serial port, but another device")
     if number in (errno.EBUSY, errno.EAGAIN):
-        users = ", ".join(map(_named, holders(Path(url)))) or "a program of another user"
-        error.add_note(f"{users} has it open")
+        users = list(map(_named, holders(Path(url)))) or ["a program of another user"]
+        error.add_note(f"{', '.join(users)} {'has' if len(users) == 1 else 'have'} it open")
     elif number in (errno.EACCES, errno.EPERM):
         group = group_of(Path(url))
         who = f"the group {group} may open it, and {user_name()} has not been in it since login"

@@ -96,7 +96,9 @@ def test_a_robot_that_is_measured_by_a_person(eal: Program, write: Write) -> Non
     assert found["before"]["ccw"][0] == pytest.approx([-0.003, 0.04], abs=0.01)
     cut = CliRunner().invoke(app, arguments, input="\n")
     assert cut.exit_code == 2
-    assert "no answer where rob ended" in json.loads(cut.stdout)["error"]["message"]
+    error = json.loads(cut.stdout)["error"]
+    assert "no answer where rob ended" in error["message"]
+    assert error["advice"] == "Run the command on a terminal, or name a file with --ends."
 
 
 @pytest.mark.parametrize(

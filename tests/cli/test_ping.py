@@ -142,3 +142,5 @@ class TestStop:
         assert result.exit_code == 1
         (robot,) = json.loads(result.stdout)["robots"]
         assert (robot["name"], robot["confirmed"]) == ("here", False)
+        resumed = eal("resume", "--fleet", fleet, "here").stdout
+        assert "here  not resumed: runs in its controller's process: only that process can resume it\n" in resumed

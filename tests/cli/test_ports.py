@@ -47,6 +47,20 @@ def test_a_port_that_another_program_holds_is_named_with_that_program(eal: Any, 
     assert "switched on" not in result.stderr
 
 
+def test_of_several_programs_that_hold_a_port_each_is_named(eal: Any, plugged: Cable, write: Any) -> None:
+    fleet = write("fleet.yaml", FLEET.replace("PORT", str(plugged.path)))
+    with closing(open_serial(str(plugged.path), baudrate=9600)) as port:
+        other = subprocess.Popen(["sleep", "60"], stdin=port.fileno())
+        try:
+            result = eal("call", "one", "SerialPort", "get_status", "--fleet", fleet)
+        finally:
+            other.kill()
+            other.wait()
+    assert f"(pid {os.getpid()})" in result.stderr
+    assert f"(pid {other.pid}) have it open" in result.stderr
+    assert "Stop those programs; `eal ports` lists the serial ports" in result.stderr
+
+
 def test_a_forbidden_port_is_no_matter_of_its_switch(plugged: Cable, write: Any) -> None:
     fleet: Path = write("fleet.yaml", FLEET.replace("PORT", str(plugged.path)))
     plugged.path.chmod(0o060)
