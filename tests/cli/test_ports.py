@@ -50,7 +50,7 @@ def test_a_port_that_another_program_holds_is_named_with_that_program(eal: Any, 
 def test_of_several_programs_that_hold_a_port_each_is_named(eal: Any, plugged: Cable, write: Any) -> None:
     fleet = write("fleet.yaml", FLEET.replace("PORT", str(plugged.path)))
     with closing(open_serial(str(plugged.path), baudrate=9600)) as port:
-        other = subprocess.Popen(["sleep", "60"], stdin=port.fileno())
+        other = subprocess.Popen(["sleep", "60"], stdin=port.fileno())  # type: ignore[attr-defined]  # a serial port has one
         try:
             result = eal("call", "one", "SerialPort", "get_status", "--fleet", fleet)
         finally:
