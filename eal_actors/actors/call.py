@@ -209,6 +209,11 @@ class CallServer(Protocol):
         """Stop the activity of a call that nobody waits for. Thread: any; does not block."""
 
 
+def holds_robot(reason: str) -> str:
+    """Return the clause that ends the error of a command that an emergency stop ended."""
+    return f"an emergency stop holds the robot: {reason}"
+
+
 class StopLatch:
     """The emergency stop of a robot: latched at once, and confirmed when the robot has halted. Thread: any."""
 
@@ -230,6 +235,10 @@ class StopLatch:
         """Release the stop."""
         self.reason = None
         self.is_confirmed = False
+
+    def explain(self, end: str) -> str:
+        """Return the message for a command that has ended; it contains the reason of the stop while one is latched."""
+        return end if (reason := self.reason) is None else f"{end}: {holds_robot(reason)}"
 
     def refuses(self, call: Call[Any]) -> bool:
         """Fail a call that could move something while the stop is latched; return whether it did."""
@@ -347,7 +356,7 @@ class ResourceCell:
             call.fail(error)
             return
         for envelope in dropped:
-            envelope.message.fail(PreemptedError(f"dropped by {call.text()}"))
+            envelope.message.fail(PreemptedError(self.latch.explain(f"dropped by {call.text()}")))
 
     def _is_own_motion(self, envelope: Envelope) -> bool:
         """Return whether it is a motion of this resource: a remote robot has one mailbox for all of its resources."""

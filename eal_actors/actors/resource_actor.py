@@ -348,7 +348,8 @@ class ResourceActor(ReadinessActor):
         value = self._info.config(key).value if self._info.configs else None
         return converted(self.opened.get_config(key), lambda result: data_of(result, value))
 
-    def _halt(self, reason: str = "halted") -> int:
+    def _halt(self, reason: str | None = None) -> int:
+        reason = reason if reason is not None else self.cell.latch.explain("halted")
         self._preempt_motions(reason)
         self.close_exchanges(reason, lambda call: call.method in MOTION_METHODS)
         self.opened.halt()

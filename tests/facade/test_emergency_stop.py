@@ -17,7 +17,9 @@ def test_a_stop_halts_motion_and_refuses_new_motion() -> None:
         simulation.fleet.stop("somebody is in the way").get()
         poses = {name: simulation.pose(name) for name in ROBOTS}
         for name, drive in drives.items():
-            with pytest.raises(PreemptedError):
+            with pytest.raises(
+                PreemptedError, match="halted: an emergency stop holds the robot: somebody is in the way"
+            ):
                 drive.get()
             with pytest.raises(StoppedError, match="somebody is in the way"):
                 simulation[name]["Base"].send_cmd("f1").get()

@@ -265,7 +265,8 @@ def test_an_emergency_stop_aborts_whatever_the_policy(two: Fleet, tmp_path: Path
 
     assert report.outcome == "aborted"
     assert report.error is not None
-    assert "emergency stop" in report.error.message
+    assert "emergency stop: " in report.error.message
+    assert report.error.message.count("the red button") == 1
     assert set(outcomes(report).values()) == {"aborted"}
     assert {record.outcome for record in report.steps} <= {"aborted", "done"}
     assert records(report, "fast")[-1].label == "send_cmd Base s"

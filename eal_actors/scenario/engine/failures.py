@@ -9,6 +9,7 @@ from collections.abc import Generator
 from functools import partial
 from typing import Any
 
+from eal_actors.actors.call import holds_robot
 from eal_actors.actors.future import Future
 from eal_actors.kernel.errors import CallCancelledError, CallError, EALError, PreemptedError, StoppedError
 from eal_actors.scenario.engine.action import StepAction
@@ -85,9 +86,8 @@ class StepFailure:
         yield (ping := robot.handle.ping())
         stopped = ping.get().stopped if ping.exception() is None else None
         if stopped is not None:
-            self.error = StoppedError(f"{self.error.message}: an emergency stop holds the robot: {stopped}").at(
-                robot.name
-            )
+            end, held = self.error.message, holds_robot(stopped)  # the robot's server has said so, unless it is older
+            self.error = StoppedError(end if held in end else f"{end}: {held}").at(robot.name)
 
     def _retried(self, attempt: int, error: ErrorReport, time_s: float) -> StepRetried:
         name = self._robot.name if self._robot is not None else None
