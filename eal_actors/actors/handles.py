@@ -114,6 +114,11 @@ class RobotHandle(RobotParts, Mapping[str, ResourceHandle]):
         return self._view.problems
 
     @property
+    def left_out(self) -> tuple[str, ...]:
+        """Why resources may be missing: the messages of `problems`, and what connected plugins say."""
+        return (*(problem.message for problem in self.problems), *self._view.left_out)
+
+    @property
     def restarts(self) -> Mapping[str, int]:
         """How often each resource was restarted."""
         return dict(self._view.restarts)
@@ -140,7 +145,7 @@ class RobotHandle(RobotParts, Mapping[str, ResourceHandle]):
             raise self._failed()
         if not self._view.cells and self.state in (RobotState.LOST, RobotState.STARTING):
             raise self._unreached()
-        left_out = "".join(f"; left out: {problem.message}" for problem in self.problems)
+        left_out = "".join(f"; left out: {reason}" for reason in self.left_out)
         raise ResourceNotFoundError(unknown_name("resource", name, self._view.cells) + left_out, robot=self.name)
 
     @override

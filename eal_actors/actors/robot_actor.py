@@ -105,7 +105,7 @@ class RobotActor(EALActor, RobotConnection):
 
     def _start(self) -> None:
         self._plugins = self.spec.open_plugins()
-        self.view.problems = self._plugins.errors
+        self.view.problems, self.view.left_out = self._plugins.errors, self._plugins.left_out
         if self._plugins.errors and not self._plugins.resources:
             reasons = "; ".join(problem.message for problem in self._plugins.errors)
             self._fail(RobotFailedError(f"none of its plugins connected: {reasons}", robot=self.spec.name))

@@ -150,6 +150,7 @@ class RobotView:
     Attributes:
         cells: its resources' slots by name, in the order of its plugins.
         problems: the errors of plugins that did not connect, or of the robot's failure.
+        left_out: why connected plugins lack resources.
         not_ready: why resources are not ready, by their names; the resources' actors write it too.
         controller_id: the id by which a robot of another process knows this one; None for a robot of this process.
         started: done when every resource is up, or the robot has failed.
@@ -165,6 +166,7 @@ class RobotView:
         self._successor: RobotView | None = None
         self.cells: dict[str, ResourceCell] = {}
         self.problems: tuple[EALError, ...] = ()
+        self.left_out: tuple[str, ...] = ()
         self.restarts: dict[str, int] = {}
         self.not_ready: dict[str, str] = {}
         self.latch = StopLatch()

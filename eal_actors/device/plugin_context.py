@@ -45,6 +45,9 @@ class EALPlugin:
     resources share, such as an open port. Raises PluginError for no name, a name twice, or fewer names than the count.
     """
 
+    left_out: tuple[str, ...] = ()
+    """Why resources that the robot could have are missing; the error about an unknown resource contains it."""
+
     def __init__(self, *names: str | int | None) -> None:
         named = names[: names.index(None)] if None in names else names
         count = len(named)
@@ -76,9 +79,10 @@ class FactoryPlugin(EALPlugin):
     they share.
     """
 
-    def __init__(self, makers: Mapping[str, Callable[[], Resource]]) -> None:
+    def __init__(self, makers: Mapping[str, Callable[[], Resource]], left_out: tuple[str, ...] = ()) -> None:
         super().__init__(*makers)
         self.makers = makers
+        self.left_out = left_out
 
 
 PortMaker: TypeAlias = "Callable[[PluginContext, str, str, Callable[[Any], Any]], BytePort]"
@@ -203,6 +207,11 @@ class OpenPlugins(ABC):
 
     resources: Mapping[str, ResourceFactory]
     errors: tuple[EALError, ...]
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Why the connected plugins lack resources; see EALPlugin."""
+        return ()
 
     @abstractmethod
     def close(self) -> None:

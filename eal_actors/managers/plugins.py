@@ -110,6 +110,11 @@ class ConnectedPlugins(OpenPlugins):
     errors: tuple[EALError, ...]
     _connected: tuple[tuple[str, ModuleType, EALPlugin], ...]
 
+    @property
+    @override
+    def left_out(self) -> tuple[str, ...]:
+        return tuple(reason for _, _, plugin in self._connected for reason in plugin.left_out)
+
     def close(self) -> None:
         """Disconnect every plugin; one that fails does not stop the others.
 

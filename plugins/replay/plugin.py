@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-from eal_actors.plugin import EALError, FactoryPlugin, Field, PluginContext, PluginError, PluginSettingsModel
+from eal_actors.plugin import (
+    EALError,
+    FactoryPlugin,
+    Field,
+    PluginContext,
+    PluginError,
+    PluginSettingsModel,
+    ResourceType,
+)
 from eal_actors.recording.recorded_run import RecordedRun
 
 from .player import Player
@@ -37,7 +46,19 @@ def connect(context: PluginContext) -> FactoryPlugin:
     names = [name for name in player.run.infos[robot] if player.run.has(robot, name)]
     if not names:
         raise PluginError(f"the record {path} has neither values nor calls of robot {robot!r}")
-    return FactoryPlugin({name: partial(Replayed, player, robot, name) for name in names})
+    makers = {name: partial(Replayed, player, robot, name) for name in names}
+    return FactoryPlugin(makers, tuple(_lacking(player.run, robot)))
+
+
+def _lacking(run: RecordedRun, robot: str) -> Iterator[str]:
+    """Yield the sensors that the record does not hold, with the option of `eal run` that records them."""
+    infos = run.infos[robot].values()
+    lacking = [
+        info for info in infos if ResourceType.SENSOR in info.types and info.value and not run.has(robot, info.name)
+    ]
+    for option, is_camera in (("sensors", False), ("all", True)):
+        if names := [info.name for info in lacking if info.is_camera is is_camera]:
+            yield f"the record lacks {', '.join(names)}, which `--record {option}` records"
 
 
 def _file(record: str) -> Path:

@@ -9,11 +9,18 @@ from typing import Any
 import pytest
 
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.errors import NotReadyError, ResourceFaultError, RobotFailedError
+from eal_actors.kernel.errors import (
+    ConfigError,
+    NotReadyError,
+    ResourceFaultError,
+    ResourceNotFoundError,
+    RobotFailedError,
+)
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.recording import RunFolder, RunRecorder, compare_runs
 from eal_actors.scenario import Run, load_scenario, make_plan
 from tests.plugin_files import write_plugin
+from tests.recording.conftest import record_run
 from tests.scenario_texts import scenario_of
 
 
@@ -109,6 +116,24 @@ def test_values_and_bytes_are_written_as_they_were(tmp_path: Path) -> None:
         pytest.raises(ResourceFaultError, match="has 'set_value' as its command 1, not 'blink'"),
     ):
         fleet["lamp"]["Lamp"].send_cmd("blink").get()
+
+
+def test_the_error_about_a_sensor_that_is_not_recorded_names_the_option_that_records_it(tmp_path: Path) -> None:
+    run = record_run(tmp_path / "poses" / "run", "poses")
+    scenario = tmp_path / "wait.yaml"
+    scenario.write_text(scenario_of("{wait_until: value('Range') > 0, timeout_s: 1}", role="all"))
+    sensors = r"unknown resource 'Range'.*; left out: the record lacks Odometry, .*Range, .*, which `--record sensors`"
+    with replay_fleet(run).connect() as fleet:
+        with pytest.raises(ConfigError, match=f"evbot3-1: {sensors}"):
+            make_plan(load_scenario(scenario), fleet)
+        with pytest.raises(ResourceNotFoundError, match=sensors):
+            fleet["evbot3-1"]["Range"]
+        assert not fleet.problems
+    with (
+        replay_fleet(run, robot="evbot2-1").connect() as fleet,
+        pytest.raises(ResourceNotFoundError, match="the record lacks Camera, which `--record all` records"),
+    ):
+        fleet["evbot3-1"]["Camera"]
 
 
 def test_at_its_end_the_robots_are_not_ready(fleet: Fleet) -> None:

@@ -121,7 +121,7 @@ def _check_lost(scenario: Scenario, bound: Binding, lost: Mapping[str, EALError]
 def robot_facts(robot: RobotHandle) -> RobotFacts:
     """Return the abilities of a started robot."""
     resources: dict[str, ResourceInfo] = {}
-    left_out = [problem.message for problem in robot.problems]
+    left_out = list(robot.left_out)
     for name, resource in robot.items():
         try:
             resources[name] = resource.info
