@@ -77,6 +77,8 @@ _BATCHES: Final = 16
 """Batches of 64 kB of one priority that may wait for a link. With zenoh's default of two, the sender of an image sleeps
 between its pieces, and the image takes twice as long. Streams, which are dropped rather than queued, keep two."""
 _QUEUE: Final = {"size": {"data": _BATCHES}, "congestion_control": {"block": {"wait_before_close": _STALLED_US}}}
+_sessions: Final[set[zenoh.Session]] = set()
+"""The open sessions of this process."""
 _SOURCE_PLACE: Final = re.compile(r" at /\S+")
 """Position in zenoh's source, which its errors contain."""
 
@@ -241,6 +243,7 @@ def open_session(
         return_buffers()
     with ExitStack() as stack:
         session = _open(checked, config, timeout_s, is_wanted)
+        _sessions.add(session)
         stack.callback(_close, session, config)
         most = ROUTER_STRANGERS if config["mode"] == "router" else ROBOT_STRANGERS
         ports = frozenset(parse_endpoint(text.partition("#")[0]).port for text in config["listen"]["endpoints"])
@@ -267,7 +270,7 @@ def _open(
     if config["mode"] == "client":
         timeout_s += (len(config["connect"]["endpoints"]) - 1) * config["transport"]["unicast"]["open_timeout"] / 1000
     end_s = REAL_TIME.now() + timeout_s
-    hurry = partial(hang_up, config["connect"]["endpoints"])
+    hurry = partial(_hang_up, config)
     while True:
         left_s = max(end_s - REAL_TIME.now(), 0.0)
         try:
@@ -306,8 +309,15 @@ def _close_now(session: zenoh.Session) -> None:
     session.close()  # type: ignore[no-untyped-call]  # untyped in zenoh's stubs
 
 
+def _hang_up(config: dict[str, Any], own: Iterable[Link] = ()) -> None:
+    """End the handshakes of a session, whose links are `own`; the other sessions of this process keep theirs."""
+    others = (link for other in list(_sessions) for link in links_of(other))
+    hang_up(config["connect"]["endpoints"], {*own, *others})
+
+
 def _close(session: zenoh.Session, config: dict[str, Any]) -> None:
-    hurry = partial(hang_up, config["connect"]["endpoints"], set(links_of(session)))
+    hurry = partial(_hang_up, config, set(links_of(session)))
+    _sessions.discard(session)
     try:
         _in_time(lambda: _close_now(session), CLOSE_TIMEOUT_S, "eal-net-close", hurry, hurry_s=_QUIET_CLOSE_S)
     except TimeoutError:

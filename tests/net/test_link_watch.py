@@ -13,12 +13,14 @@ import zenoh
 from structlog.testing import capture_logs
 
 from eal_actors import Fleet
+from eal_actors.actors.robot_view import RobotState
 from eal_actors.facade.service import RobotService
 from eal_actors.wire import link_watch, session
 from eal_actors.wire.link_watch import DEAF_LOOKS, Link, LinkWatch
+from eal_actors.wire.own_sockets import sockets_to
 from eal_actors.wire.session import open_session
 from tests.net.links import eventually
-from tests.net.rig import WAIT_S, Process, Rig, ready
+from tests.net.rig import WAIT_S, Process, Rig, ready, served
 from tests.security.forging import make_keys, secure_rig
 
 ROUNDS = 40
@@ -150,6 +152,32 @@ def test_a_session_that_ends_no_handshake_is_opened_again(tmp_path: Path, monkey
         assert eventually(lambda: fleet["r1"]["Gauge"].get_value().exception(timeout=WAIT_S) is None)
         assert fleet["r1"]["Arm"].send_cmd("step1").get(timeout=WAIT_S) == 1
     assert rig.steps() == ["1"]
+
+
+def test_a_fleet_that_closes_leaves_the_links_of_another_one_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(session, "_QUIET_CLOSE_S", 0.0)  # as if each session closed slowly
+    rig = Rig(tmp_path)
+    port = int(rig.content["robots"]["r1"]["address"].rpartition(":")[2])
+    with served(rig) as (_, fleet):
+        (link,) = dialled(port)
+        with ready(Fleet(rig.config)):
+            assert len(dialled(port)) == 2
+        assert fleet["r1"]["Arm"].send_cmd("step1").get(timeout=WAIT_S) == 1
+        assert fleet["r1"].ping().get(timeout=WAIT_S).state is RobotState.READY
+        assert dialled(port) == {link}
+        assert fleet["r1"].state is RobotState.READY
+
+
+def dialled(port: int) -> set[int]:
+    """Return the own ports of this process's connections to a port that are open in both directions."""
+    found = set()
+    for end in sockets_to({port}):
+        with end:
+            if end.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 1) == b"\x01":  # TCP_ESTABLISHED
+                found.add(end.getsockname()[1])
+    return found
 
 
 def is_answered(controller: zenoh.Session, answers: zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]) -> bool:
