@@ -14,6 +14,7 @@ import pytest
 from hypothesis import settings
 
 from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.log import get_logger
 from tests.stalls import StallWatch
 
 # A busy machine misses deadlines, and a failure must be repeatable: no deadline, the same examples in every run.
@@ -50,6 +51,7 @@ STALLS: Final = StallWatch()
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup() -> None:
     STALLS.restart()
+    get_logger()  # sets logging up; else structlog's capture_logs does, with its defaults, for all tests after it
 
 
 def _may_be_repeated() -> bool:
