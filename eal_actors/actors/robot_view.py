@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import enum
-import getpass
 import os
 import socket
 import threading
@@ -23,6 +22,7 @@ from eal_actors.device.resource import Progress
 from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import ArgumentError, DeadlineError, EALError, UnavailableError
 from eal_actors.kernel.log import get_logger
+from eal_actors.kernel.posix import user_name
 from eal_actors.kernel.unwinding import AbandonedThread
 
 
@@ -34,15 +34,7 @@ def release() -> str:
 
 def process_name(who: str | None = None) -> str:
     """Return the name of this process for people: `anna@lab-pc (pid 4711)`, by its certificate, else its user."""
-    return f"{who or _user()}@{socket.gethostname()} (pid {os.getpid()})"
-
-
-@cache
-def _user() -> str:
-    try:
-        return getpass.getuser()
-    except (KeyError, OSError):  # a number without a name, as in some containers
-        return str(os.getuid()) if hasattr(os, "getuid") else "somebody"
+    return f"{who or user_name()}@{socket.gethostname()} (pid {os.getpid()})"
 
 
 class RobotState(enum.Enum):

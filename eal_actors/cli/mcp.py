@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import getpass
 import secrets
 import sys
 from contextlib import ExitStack, closing
@@ -21,6 +20,7 @@ from eal_actors.cli.output import new_table, print_line, service_output, stdout,
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.kernel.log import get_logger
+from eal_actors.kernel.posix import user_name
 from eal_actors.managers.missing_modules import needs_extra, require_modules
 from eal_actors.operate.audit import AuditLog
 
@@ -118,19 +118,16 @@ def approve_plan(
     if not refuse and not _is_confirmed(found):
         raise ScenarioError(f"plan {found.hash[:12]} was not approved")
     with closing(AuditLog(runs_dir).start()) as audit:
-        user = {"who": _user(), "role": "person", "from": "terminal"}
+        who = f"user {user_name()}"
+        user = {"who": who, "role": "person", "from": "terminal"}
         finish = audit.begin(user, "refuse_plan" if refuse else "approve_plan", {"hash": found.hash})
         try:
-            decision = store.decide(found, _user(), is_approved=not refuse, valid_min=valid_min)
+            decision = store.decide(found, who, is_approved=not refuse, valid_min=valid_min)
         except ScenarioError as error:
             finish(f"refused: {error.message}")
             raise
         finish("ok")
     print_line(stdout(), _decided(found, decision))
-
-
-def _user() -> str:
-    return f"user {getpass.getuser()}"
 
 
 def _decided(plan: StoredPlan, decision: Decision) -> Text:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import getpass
 import os
 import stat
 from collections.abc import Iterator
@@ -16,7 +15,7 @@ from urllib.parse import urlsplit
 from eal_actors.device.ports import BytePort, system_error
 from eal_actors.device.sockets import open_tcp
 from eal_actors.kernel.errors import PluginError
-from eal_actors.kernel.posix import TerminalError, grp
+from eal_actors.kernel.posix import TerminalError, grp, user_name
 
 _WRITE_TIMEOUT_S: Final = 1.0
 """Pyserial checks the time after the bytes are sent: on a busy machine a shorter one would lose a working port."""
@@ -221,14 +220,6 @@ def group_of(path: Path) -> str:
         return str(status.st_gid)
     except OSError:
         return ""
-
-
-def user_name() -> str:
-    """Return the name of the user of this process; a number if it has none, as in some containers."""
-    try:
-        return getpass.getuser()
-    except (KeyError, OSError):
-        return str(os.getuid())
 
 
 def _read(file: Path) -> str:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import getpass
+import os
+from functools import cache
 from importlib import import_module
 from typing import IO, TYPE_CHECKING, Any, Final, NoReturn
 
@@ -43,7 +46,19 @@ HAS_TERMINALS: Final = hasattr(termios, "TIOCEXCL")
 HAS_LIMITS: Final = hasattr(resource, "getrlimit")
 """Whether a process has limits of its resources."""
 
-__all__ = ["HAS_LIMITS", "HAS_TERMINALS", "TerminalError", "fcntl", "grp", "lock", "pty", "resource", "termios", "tty"]
+__all__ = [
+    "HAS_LIMITS",
+    "HAS_TERMINALS",
+    "TerminalError",
+    "fcntl",
+    "grp",
+    "lock",
+    "pty",
+    "resource",
+    "termios",
+    "tty",
+    "user_name",
+]
 
 
 def lock(stream: IO[Any]) -> None:
@@ -55,3 +70,12 @@ def lock(stream: IO[Any]) -> None:
     """
     if hasattr(fcntl, "flock"):
         fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+@cache
+def user_name() -> str:
+    """Return the name of the user of this process; a number if it has none, as in some containers."""
+    try:
+        return getpass.getuser()
+    except (ImportError, KeyError, OSError):  # by Python's version and the system
+        return str(os.getuid()) if hasattr(os, "getuid") else "somebody"

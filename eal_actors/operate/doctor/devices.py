@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal
 
-from eal_actors.device.serial_ports import group_of, usb_id, user_name
-from eal_actors.kernel.posix import fcntl, grp
+from eal_actors.device.serial_ports import group_of, usb_id
+from eal_actors.kernel.posix import fcntl, grp, user_name
 from eal_actors.kernel.yaml_tree import texts_in
 from eal_actors.managers.fleet_model import PluginSettings, RobotConfig
 from eal_actors.managers.manifest import DeviceSection, PluginManifest

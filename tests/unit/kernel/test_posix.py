@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import getpass
 import os
 import re
 import subprocess
@@ -11,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from eal_actors.kernel.bundled import bundled_path
+from eal_actors.kernel.posix import user_name
 
 NAMES = ("fcntl", "grp", "pty", "pwd", "resource", "termios", "tty")
 HIDE = (
@@ -79,6 +81,20 @@ def test_modules_of_posix_are_imported_in_one_place() -> None:
     files = [file for part in ("eal_actors", "plugins") for file in bundled_path(part).rglob("*.py")]
     assert len(files) > 300
     assert [str(file) for file in files if found.search(file.read_text(encoding="utf-8"))] == []
+
+
+def test_a_user_without_a_name_is_a_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("LOGNAME", "USER", "LNAME", "USERNAME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(os, "getuid", lambda: 4_211_234)  # as in a container that runs with `--user`
+    with pytest.raises((KeyError, OSError)):
+        getpass.getuser()
+    assert user_name.__wrapped__() == "4211234"
+
+
+def test_users_are_named_in_one_place() -> None:
+    files = [file for part in ("eal_actors", "plugins") for file in bundled_path(part).rglob("*.py")]
+    assert [file.name for file in files if "getuser" in file.read_text(encoding="utf-8")] == ["posix.py"]
 
 
 @pytest.mark.slow
