@@ -253,6 +253,10 @@ class ResourceHandle:
         """Stop everything that moves, at once: overtake all calls, close the running command, drop those that wait."""
         return self._urgent_call("halt", (), timeout_s, stops=True)
 
+    def halt_because(self, reason: str) -> Call[int]:
+        """Halt a resource of this process; what was running fails with the reason."""
+        return self._urgent_call("halt", (f"halted: {reason}",), None, stops=True)
+
     def stream(self, rate_hz: float = 10.0, encoding: Encoding = "raw", *, timeout_s: float | None = None) -> Stream:
         """Read the newest value again and again; see Stream. Close it, as a `with` block does.
 

@@ -157,7 +157,8 @@ class RobotServer:
             controller = self._admission.names.of(silent.client)
             self.dead_man_trips[silent.resource] = self.dead_man_trips.get(silent.resource, 0) + 1
             self._log.warning("its controller is silent: halted", resource=silent.resource, controller=controller)
-            self._robot[silent.resource].halt()
+            silence = f"no heartbeat of its controller for {self._host.network.dead_man_s:g} s"
+            self._robot[silent.resource].halt_because(silence)
             fields = {"resource": silent.resource, "client": silent.client}
             self._publish(RobotEvent("dead_man", REAL_TIME.now(), fields=fields))
 
