@@ -11,7 +11,7 @@ from typing_extensions import override
 
 from eal_actors.actors.future import CallSoon, Future, Relay
 from eal_actors.kernel.clock import REAL_TIME, new_waiter, wait_in_scope
-from eal_actors.kernel.errors import CallError
+from eal_actors.kernel.errors import CallCancelledError, CallError
 
 T = TypeVar("T")
 
@@ -138,6 +138,8 @@ def first(futures: Iterable[Future[T]]) -> Future[T]:
 def as_completed(futures: Iterable[Future[T]]) -> Iterator[Future[T]]:
     """Yield each future once, when it is done; get() on it does not block.
 
+    Ctrl-C and the cancellation of the caller's task cancel all of them.
+
     Thread: blocks the caller between futures, at most until the next deadline.
     """
     parts = _all_or_none(futures)
@@ -153,6 +155,11 @@ def as_completed(futures: Iterable[Future[T]]) -> Iterator[Future[T]]:
         part.link(note)
         part.arm()
     for _ in parts:
-        while not ready:
-            wait_in_scope(clock, waiter, None)
+        try:
+            while not ready:
+                wait_in_scope(clock, waiter, None)
+        except (CallCancelledError, KeyboardInterrupt):
+            for part in parts:
+                part.cancel()
+            raise
         yield ready.popleft()

@@ -195,6 +195,7 @@ class Future(pykka.Future[T]):
             DeadlineError: the call's deadline passed.
             WaitTimeoutError: the time-out passed.
             CallCancelledError: the call was cancelled; or the caller's task was, which cancels the call.
+            KeyboardInterrupt: Ctrl-C, which cancels the call.
             Exception: the call's own failure.
 
         Thread: blocks the caller. Never call it in an actor on a future of its parent or peer.
@@ -232,7 +233,7 @@ class Future(pykka.Future[T]):
                 wait_in_scope(clock, waiter, remaining)
                 if self._done:
                     return
-        except CallCancelledError:
+        except (CallCancelledError, KeyboardInterrupt):
             self._remove_waiter(waiter)
             self.cancel()
             raise
@@ -311,6 +312,8 @@ class Future(pykka.Future[T]):
         """Wait for the result in an asyncio program; cancelling the task cancels the call."""
         return asyncio.wrap_future(self.to_concurrent()).__await__()
 
+    __iter__ = None  # type: ignore[assignment]  # Pykka's yields None: `x, y, yaw = future` must say what is wrong
+
     @override
     def map(self, func: Callable[[T], M]) -> Future[M]:
         """Return a future of the function's result on this one's.
@@ -336,15 +339,6 @@ class Future(pykka.Future[T]):
         """Set Pykka's hook, which ActorRef.stop() needs. Hooked futures answer `get` alone; make others with `map`."""
         pykka.Future.__init__(self)
         super().set_get_hook(func)
-
-
-def get_or_cancel(future: Future[T]) -> T:
-    """Return a future's result; Ctrl-C cancels it, which stops what it moves. Thread: blocks the caller."""
-    try:
-        return future.get()
-    except KeyboardInterrupt:
-        future.cancel()
-        raise
 
 
 class _MappedFuture(Future[T]):

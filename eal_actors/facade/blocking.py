@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import wraps
 from typing import TYPE_CHECKING, Concatenate, Generic, ParamSpec, TypeVar
 
-from eal_actors.actors.future import Future, get_or_cancel
+from eal_actors.actors.future import Future
 from eal_actors.actors.part_handles import BaseHandle, CameraHandle, PoseHandle, SensorHandle, TurretHandle
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def _waiting(method: Callable[Concatenate[H, P], Future[T]]) -> Callable[Concate
 
     @wraps(method)
     def wait(part: _Part[H], /, *args: P.args, **kwargs: P.kwargs) -> T:
-        return get_or_cancel(method(part._find(), *args, **kwargs))  # noqa: SLF001  # a method of it
+        return method(part._find(), *args, **kwargs).get()  # noqa: SLF001  # a method of it
 
     signature = inspect.signature(method)
     returns = signature.return_annotation.partition("[")[2].removesuffix("]")  # of `Future[...]`
@@ -95,7 +95,7 @@ class BlockingSensor(_Part[SensorHandle[T]], Generic[T]):
 
     def get(self, *, timeout_s: float | None = None) -> T:
         """Return the value."""
-        return get_or_cancel(self._find().get(timeout_s=timeout_s))
+        return self._find().get(timeout_s=timeout_s).get()
 
 
 class BlockingParts:

@@ -11,7 +11,6 @@ from typing import Any, Final, Self
 
 from typing_extensions import override
 
-from eal_actors.actors.future import get_or_cancel
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
 from eal_actors.device.data import EALData
 from eal_actors.device.info import ResourceInfo
@@ -179,43 +178,43 @@ class EAL(BlockingParts):
 
     def get_status(self, resource_id: int, *, timeout_s: float | None = None) -> int:
         """Return a resource's status, whose meaning the resource defines (Source: thesis B.2.2.5)."""
-        return get_or_cancel(self._handle(resource_id).get_status(timeout_s=timeout_s))
+        return self._handle(resource_id).get_status(timeout_s=timeout_s).get()
 
     # Structured resource access.
 
     def get_value(self, resource_id: int, *, timeout_s: float | None = None) -> EALData:
         """Return a resource's value (Source: thesis B.2.3.1)."""
-        return get_or_cancel(self._handle(resource_id).get_value(timeout_s=timeout_s))
+        return self._handle(resource_id).get_value(timeout_s=timeout_s).get()
 
     def set_value(self, resource_id: int, value: Any, *, timeout_s: float | None = None) -> int:
         """Set a resource's value; return its status int (Source: thesis B.2.3.2)."""
-        return get_or_cancel(self._handle(resource_id).set_value(value, timeout_s=timeout_s))
+        return self._handle(resource_id).set_value(value, timeout_s=timeout_s).get()
 
     def send_req(self, resource_id: int, req: str, *, timeout_s: float | None = None) -> EALData:
         """Return the answer to a request (Source: thesis B.2.3.3)."""
-        return get_or_cancel(self._handle(resource_id).send_req(req, timeout_s=timeout_s))
+        return self._handle(resource_id).send_req(req, timeout_s=timeout_s).get()
 
     def send_cmd(self, resource_id: int, cmd: str, data: Any = None, *, timeout_s: float | None = None) -> int:
         """Execute a command to its end; return its status int (Source: thesis B.2.3.4)."""
-        return get_or_cancel(self._handle(resource_id).send_cmd(cmd, data, timeout_s=timeout_s))
+        return self._handle(resource_id).send_cmd(cmd, data, timeout_s=timeout_s).get()
 
     def read_comm(self, resource_id: int, length: int, *, timeout_s: float | None = None) -> EALData:
         """Read up to `length` bytes (Source: thesis B.2.3.5)."""
-        return get_or_cancel(self._handle(resource_id).read_comm(length, timeout_s=timeout_s))
+        return self._handle(resource_id).read_comm(length, timeout_s=timeout_s).get()
 
     def write_comm(
         self, resource_id: int, data: Any, length: int | None = None, *, timeout_s: float | None = None
     ) -> int:
         """Write the first `length` bytes; return the number written (Source: thesis B.2.3.6)."""
-        return get_or_cancel(self._handle(resource_id).write_comm(data, length, timeout_s=timeout_s))
+        return self._handle(resource_id).write_comm(data, length, timeout_s=timeout_s).get()
 
     def get_config(self, resource_id: int, key: str, *, timeout_s: float | None = None) -> EALData:
         """Return a configuration value (Source: thesis B.2.3.7)."""
-        return get_or_cancel(self._handle(resource_id).get_config(key, timeout_s=timeout_s))
+        return self._handle(resource_id).get_config(key, timeout_s=timeout_s).get()
 
     def set_config(self, resource_id: int, key: str, value: Any = None, *, timeout_s: float | None = None) -> int:
         """Set a configuration value; return a status int (Source: thesis B.2.3.8)."""
-        return get_or_cancel(self._handle(resource_id).set_config(key, value, timeout_s=timeout_s))
+        return self._handle(resource_id).set_config(key, value, timeout_s=timeout_s).get()
 
     # Direct resource access.
 

@@ -88,6 +88,32 @@ def test_a_short_wait_leaves_the_call_running() -> None:
     assert future.get() == 3
 
 
+class CtrlCClock(ManualClock):
+    """A clock on which every wait is interrupted."""
+
+    def wait(self, waiter: threading.Lock, timeout_s: float | None, serve: Callable[[], float] | None = None) -> bool:
+        raise KeyboardInterrupt
+
+
+def test_ctrl_c_cancels_the_call_that_it_interrupts_a_wait_for() -> None:
+    read, asked, *many = (Future[int](CtrlCClock(), deadline_s=10.0) for _ in range(4))
+    for wait in (read.get, asked.exception, gather(many).get):
+        with pytest.raises(KeyboardInterrupt):
+            wait()
+    assert all(future.cancelled() for future in (read, asked, *many))
+    later = [Future[int](CtrlCClock()) for _ in range(2)]
+    with pytest.raises(KeyboardInterrupt):
+        next(as_completed(later))
+    assert all(future.cancelled() for future in later)
+
+
+def test_a_future_is_not_taken_for_its_value() -> None:
+    with pytest.raises(TypeError, match="'Future' object is not iterable"):
+        list(done(1))  # type: ignore[call-overload]
+    with pytest.raises(TypeError, match="'Future' object is not iterable"):
+        gather(done(1))  # type: ignore[arg-type]
+
+
 def test_callbacks_run_once_at_once_when_done_and_errors_do_not_spread() -> None:
     future: Future[int] = Future()
     seen: list[int] = []
