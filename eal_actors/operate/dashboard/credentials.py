@@ -19,7 +19,7 @@ from eal_actors.managers.fleet_model import FleetConfig, OperatorSection
 from eal_actors.operate.dashboard.access import Access
 from eal_actors.operate.dashboard.sign_in import SignIn
 from eal_actors.wire.security.certificates import DASHBOARD, certificate_file, key_file, list_certificates
-from eal_actors.wire.security.key_watch import WATCH_PERIOD_S, KeyWatch, file_versions
+from eal_actors.wire.security.key_watch import WATCH_PERIOD_S, FileWatch, KeyWatch
 
 _SECTION: Final = "dashboard"  # of the fleet file, with the operators
 
@@ -49,8 +49,7 @@ class CredentialWatch:
         self._access = access
         self._certificate = None if tls is None or keys is None else (tls, keys)
         self._keys = KeyWatch(None if tls is None else keys, DASHBOARD)
-        self._files = _files_of(config) if access.asks_for_names else ()
-        self._used = self._seen = file_versions(self._files)
+        self._files = FileWatch(_files_of(config) if access.asks_for_names else ())
 
     async def run(self) -> None:
         """Follow the files until it is cancelled. Thread: the loop's; the fleet file is read in another one."""
@@ -59,10 +58,8 @@ class CredentialWatch:
             if self._certificate is not None and self._keys.has_changed():
                 self._keys.accept()
                 self._use_certificate(*self._certificate)  # here, since no handshake may see half of it
-            versions = file_versions(self._files)
-            is_stable, self._seen = versions == self._seen, versions
-            if is_stable and versions != self._used:
-                self._used = versions
+            if self._files.has_changed():
+                self._files.accept()
                 if (operators := await asyncio.to_thread(self._read_operators)) is not None:
                     self._use_operators(operators)
 
@@ -84,8 +81,7 @@ class CredentialWatch:
         except EALError as error:
             get_logger().error("the operators were not read again: the fleet file is wrong", reason=error.message)
             return None
-        self._files = _files_of(config)
-        self._used = self._seen = file_versions(self._files)
+        self._files = FileWatch(_files_of(config))
         return config.operators
 
     def _use_operators(self, operators: Mapping[str, OperatorSection]) -> None:

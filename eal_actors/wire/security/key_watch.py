@@ -1,4 +1,4 @@
-"""KeyWatch: notices when the keys of one end of the network have changed, so that no restart is needed.
+"""FileWatch and KeyWatch: notice when files or the keys of one end of the network have changed.
 
 Only a complete change counts: the files are unchanged for one period, and the certificate fits its key.
 """
@@ -6,9 +6,11 @@ Only a complete change counts: the files are unchanged for one period, and the c
 from __future__ import annotations
 
 import ssl
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
+
+from typing_extensions import override
 
 from eal_actors.wire.security.certificates import AUTHORITY, certificate_file, key_file
 from eal_actors.wire.security.revocation import REVOKED
@@ -17,29 +19,44 @@ WATCH_PERIOD_S: Final = 0.5
 """Real seconds between two looks at the files."""
 
 
-class KeyWatch:
-    """Watches the authority's certificate, a pair of keys and the revoked names, if there is a folder. Thread: one."""
+class FileWatch:
+    """Watches some files. Thread: one at a time."""
 
-    def __init__(self, folder: Path | None, name: str) -> None:
-        self._files: tuple[Path, ...] = ()
-        if folder is not None:
-            self._pair = certificate_file(folder, name), key_file(folder, name)
-            self._files = (certificate_file(folder, AUTHORITY), *self._pair, folder / REVOKED)
-        self._used = self._seen = file_versions(self._files)
+    def __init__(self, files: Sequence[Path]) -> None:
+        self._files = files
+        self._used = self._seen = self._versions()
 
     def __bool__(self) -> bool:
-        """Return whether there are keys to watch."""
+        """Return whether there are files to watch."""
         return bool(self._files)
 
     def has_changed(self) -> bool:
         """Look at the files, once in each period; return whether they have changed since `accept`, completely."""
-        versions = file_versions(self._files)
+        versions = self._versions()
         is_stable, self._seen = versions == self._seen, versions
-        return is_stable and versions != self._used and self._fits()
+        return is_stable and versions != self._used
 
     def accept(self) -> None:
         """Count the files that `has_changed` has seen as used."""
         self._used = self._seen
+
+    def _versions(self) -> list[int]:
+        return [_version(file) for file in self._files]
+
+
+class KeyWatch(FileWatch):
+    """Watches the authority's certificate, a pair of keys and the revoked names, if there is a folder."""
+
+    def __init__(self, folder: Path | None, name: str) -> None:
+        files: tuple[Path, ...] = ()
+        if folder is not None:
+            self._pair = certificate_file(folder, name), key_file(folder, name)
+            files = (certificate_file(folder, AUTHORITY), *self._pair, folder / REVOKED)
+        super().__init__(files)
+
+    @override
+    def has_changed(self) -> bool:
+        return super().has_changed() and self._fits()
 
     def _fits(self) -> bool:
         """Return whether the certificate and its key can be used, so that no link is closed in vain."""
@@ -50,12 +67,8 @@ class KeyWatch:
         return True
 
 
-def file_versions(files: Iterable[Path]) -> tuple[int, ...]:
-    """Return when each file changed, 0 for a missing one."""
-    return tuple(map(_version, files))
-
-
 def _version(file: Path) -> int:
+    """Return when a file changed, 0 for a missing one."""
     try:
         return file.stat().st_mtime_ns
     except OSError:
