@@ -26,7 +26,6 @@ from eal_actors.wire.format.packing import (
     Buffer,
     checked_client,
     checked_count,
-    checked_flag,
     checked_payload,
     checked_row,
     checked_seconds,
@@ -56,7 +55,7 @@ _READING: Final = int, bytes, int, int, float, float, type(None), list, type(Non
 _COMMAND: Final = *_READING, str, float, float
 """Types of the fields of the usual calls; only their numbers and arguments need a further check."""
 _NO_ECHO: Final = "", 0.0, 0.0
-NO_PROOF: Final = *_NO_ECHO, False, ""
+NO_PROOF: Final = *_NO_ECHO, ""
 """The last fields of a call that has no echo, and those of its header from `era` on without tracing."""
 _ARGUMENTS: Final = frozenset({str, int})
 _USUAL_REPLIES: Final = frozenset({(int, int, int, list, str, float), (int, int, int, int, str, float)})
@@ -92,7 +91,6 @@ class CallHeader(NamedTuple):
             echo is from.
         echo_s: reading of the robot's clock in one of its replies.
         held_s: seconds by the controller's clock from the arrival of that reply to the sending.
-        has_more: ignored; older releases announce further commands with it.
         traceparent: span of the call in the format of W3C Trace Context; empty without tracing.
     """
 
@@ -106,7 +104,6 @@ class CallHeader(NamedTuple):
     era: str = ""
     echo_s: float = 0.0
     held_s: float = 0.0
-    has_more: bool = False
     traceparent: str = ""
 
     @property
@@ -187,17 +184,17 @@ def encode_fields(
     deadline_s: float,
     start_s: float | None,
     arguments: Arguments,
-    proof: tuple[str, float, float, bool, str],
+    proof: tuple[str, float, float, str],
     data: EALData | None,
 ) -> tuple[bytes, Payload]:
     """Do the same with the fields of a header, of which `proof` are those from `era` on, without making one."""
     about = None if data is None else data_header(data)
     row = [PROTOCOL_VERSION, packed_client(client), epoch, sequence, ttl_s, deadline_s, start_s, arguments, about]
     if proof is not NO_PROOF and proof != NO_PROOF:
-        era, echo_s, held_s, has_more, traceparent = proof
-        row += era, echo_s, held_s
-        if has_more or traceparent:
-            row += (has_more, traceparent) if traceparent else (True,)
+        *echo, traceparent = proof
+        row += echo
+        if traceparent:
+            row += False, traceparent  # the first is a field of older releases
     return pack(row, "call"), _NO_PAYLOAD if data is None else payload_of(data, MAX_CALL_BYTES)
 
 
@@ -221,14 +218,14 @@ def _usual_header(row: list[Any]) -> CallHeader | None:
     if not is_sound or not is_plain or not math.isfinite(ttl_s + deadline_s + echo_s + held_s):
         return None
     name, plain = hexadecimal(client), tuple(arguments)
-    fields = name, epoch, sequence, ttl_s, deadline_s, None, plain, era, echo_s, held_s, False, ""
+    fields = name, epoch, sequence, ttl_s, deadline_s, None, plain, era, echo_s, held_s, ""
     return tuple.__new__(CallHeader, fields)  # CallHeader() takes several times as long
 
 
 def _checked_call(row: object, payload: Buffer) -> tuple[CallHeader, EALData | None]:
     """Return the header and the value of any call, as decode_call does."""
     row = optional_row(row, "call", 9, 5)
-    _, client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, about, era, echo_s, held_s, more, parent = row
+    _, client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, about, era, echo_s, held_s, _, parent = row
     if type(arguments) is not list or not _ARGUMENTS.issuperset(map(type, arguments)):
         raise ProtocolError(f"call: arguments {short_repr(arguments)} are not a list of texts and ints")
     header = CallHeader(
@@ -242,7 +239,6 @@ def _checked_call(row: object, payload: Buffer) -> tuple[CallHeader, EALData | N
         "" if era is None else checked_word(era, "call: era"),
         0.0 if era is None else checked_time(echo_s, "call: echo_s"),
         0.0 if era is None else checked_time(held_s, "call: held_s"),
-        more is not None and checked_flag(more, "call: has_more"),
         "" if parent is None else checked_word(parent, "call: traceparent"),
     )
     return header, None if about is None and not payload else optional_data_from(about, payload, "call")

@@ -255,13 +255,6 @@ def checked_time(seconds: object, what: str) -> float:
     return time_s
 
 
-def checked_flag(flag: object, what: str) -> bool:
-    """Return a bool."""
-    if type(flag) is not bool:
-        raise ProtocolError(f"{what} {short_repr(flag)} is no bool")
-    return flag
-
-
 def checked_text(text: object, what: str) -> str:
     """Return a str."""
     if type(text) is not str:

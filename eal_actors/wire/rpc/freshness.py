@@ -187,7 +187,7 @@ class CommandHistory(Generic[T]):
         `now_s` is read after the command arrived. Raises StaleCommandError if it is too old, was overtaken, or was
         accepted before; then nothing changes.
         """
-        client, epoch, sequence, ttl_s, _, _, _, era, echo_s, held_s, _, _ = header
+        client, epoch, sequence, ttl_s, _, _, _, era, echo_s, held_s, _ = header
         sent_s = echo_s + held_s * (1 - MAX_DRIFT)
         if era != self.era or not -_ROUNDING_S <= now_s - sent_s <= ttl_s:
             self._refuse(header, resource, now_s - sent_s)

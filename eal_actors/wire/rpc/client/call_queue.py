@@ -222,11 +222,11 @@ class CallQueue:
             else:
                 number, era, echo_s, held_s = stamper.stamp(now_s)
                 call_id = tuple.__new__(CallId, (stamper.client, stamper.epoch, number))
-                ttl_s, proof = _TTL_S, (era, echo_s, held_s, False, "")
+                ttl_s, proof = _TTL_S, (era, echo_s, held_s, "")
                 if data is not None or start_s is not None:
                     start_s, data = channel.to_robot_time(start_s, data)
             if span is not None:
-                proof = *proof[:4], span.traceparent
+                proof = *proof[:3], span.traceparent
             envelope, payload = encode_fields(
                 stamper.client, stamper.epoch, number, ttl_s, left_s, start_s, plain, proof, data
             )

@@ -48,12 +48,11 @@ _ROUNDING_S: Final = 1e-6
 class Offset:
     """Offset of a robot's clock: the robot's minus the controller's, wrong by at most `error_s` either way.
 
-    `round_trip_s` is that of the ping that it comes from, without the robot's own share. All are seconds.
+    Both are seconds.
     """
 
     offset_s: float
     error_s: float
-    round_trip_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +103,7 @@ class OffsetEstimator:
         if not self._pings:
             raise UnavailableError("the clock offset is unknown: no ping was answered yet")
         best = min(reversed(self._pings), key=lambda ping: ping.error_s(at_s))
-        return Offset(best.offset_s, best.error_s(at_s), best.round_trip_s)
+        return Offset(best.offset_s, best.error_s(at_s))
 
     def forget(self) -> None:
         """Drop all pings: the robot was restarted and has another clock."""

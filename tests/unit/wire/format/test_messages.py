@@ -71,12 +71,12 @@ def decode_answer(envelope: Buffer, payload: Buffer = b"") -> wire.Answer:
             id="set_value 1.5 m at 12 s",
         ),
         pytest.param(
-            CallHeader("ff" * 16, 0, 1, 1.0, 2.0, None, (), "ab", 0.5, 0.25, has_more=True),
+            CallHeader("ff" * 16, 0, 1, 1.0, 2.0, None, (), "ab", 0.5, 0.25),
             None,
-            "9d 03 c410ffffffffffffffffffffffffffffffff 00 01 cb3ff0000000000000 cb4000000000000000 c0 90 c0"
-            "a26162 cb3fe0000000000000 cb3fd0000000000000 c3",
+            "9c 03 c410ffffffffffffffffffffffffffffffff 00 01 cb3ff0000000000000 cb4000000000000000 c0 90 c0"
+            "a26162 cb3fe0000000000000 cb3fd0000000000000",
             "",
-            id="with an echo, and more to come",
+            id="with an echo",
         ),
         pytest.param(
             CALL._replace(traceparent=TRACEPARENT),

@@ -189,7 +189,6 @@ def followed_by(hexadecimal: str) -> bytes:
     [
         pytest.param(changed(client=b"1234567"), "client b'1234567' is not 16 bytes", id="client too short"),
         pytest.param(changed(client=CLIENT), "is not 16 bytes", id="client as text"),
-        pytest.param(changed(has_more=1), "has_more 1 is no bool", id="more, as a number"),
         pytest.param(changed(epoch=-1), "epoch -1 is not an int from 0", id="epoch below 0"),
         pytest.param(changed(sequence=True), "sequence True is not an int", id="sequence a bool"),
         pytest.param(changed(ttl_s=float("nan")), "ttl_s nan is no number of seconds", id="ttl not a number"),
