@@ -120,8 +120,7 @@ class _EalProgram(EalCommandGroup):
         try:
             return super().invoke(ctx)
         except EALError as error:
-            options = ctx.find_object(GlobalOptions) or GlobalOptions()
-            raise typer.Exit(report_error(error, options, as_json=as_json)) from error
+            raise typer.Exit(report_error(error, GlobalOptions.of(ctx), as_json=as_json)) from error
         except _UsageError as error:
             if not as_json:
                 raise

@@ -8,16 +8,15 @@ from typing import Annotated, Final
 
 import typer
 
-from eal_actors.cli.keys import DirOption, ForceOption, HostOption
+from eal_actors.cli.keys import DirOption, ForceOption, HostOption, advise, fleet_and_folder, print_made
 from eal_actors.cli.keys_lifetime import app as keys_app
 from eal_actors.cli.options import EalCommand, FleetOption
 from eal_actors.cli.output import print_line, stderr, stdout
 from eal_actors.kernel.bundled import short_path
 from eal_actors.kernel.strict_model import NAME_PATTERN
-from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import OperatorRole
 from eal_actors.managers.missing_modules import needs_extra
-from eal_actors.wire.security.certificates import AUTHORITY, DASHBOARD, certificate_file, folder_of, make_certificate
+from eal_actors.wire.security.certificates import AUTHORITY, DASHBOARD, certificate_file, make_certificate
 
 _LOOPBACK: Final = ("localhost", "127.0.0.1", "::1")
 app = keys_app
@@ -31,12 +30,11 @@ def make_dashboard_certificate(
 
     Browsers must trust the fleet's authority: the command prints the file to import there.
     """
-    config = EALConfigManager.load(fleet).fleet
-    folder = directory or folder_of(config)
-    made = make_certificate(folder, DASHBOARD, [*_LOOPBACK, socket.gethostname(), *(host or [])], force=force)
-    print_line(stderr(), f"{short_path(made.file)}: made for {', '.join(made.hosts)}, until {made.expires:%Y-%m-%d}")
+    _, folder = fleet_and_folder(fleet, directory)
+    hosts = [*_LOOPBACK, socket.gethostname(), *(host or [])]
+    print_made(make_certificate(folder, DASHBOARD, hosts, force=force))
     authority = short_path(certificate_file(folder, AUTHORITY))
-    print_line(stderr(), f"Next: import {authority} into the operators' browsers as an authority for websites.", "dim")
+    advise(f"Next: import {authority} into the operators' browsers as an authority for websites.")
 
 
 @app.command("operator", cls=EalCommand)
@@ -56,9 +54,9 @@ def make_operator(
     if not re.fullmatch(NAME_PATTERN, name):
         raise typer.BadParameter("must be a letter, then letters, digits, '_', '.' or '-'", param_hint="NAME")
     token = new_token()
-    print_line(stderr(), "Add to the fleet file:", "dim")
+    advise("Add to the fleet file:")
     lines = ("dashboard:", "  operators:", f"    {name}: {{role: {role}, token: {hash_token(token)}}}")
     for line in lines:
         print_line(stderr(), line)
-    print_line(stderr(), f"Token of {name}, shown only now:", "dim")
+    advise(f"Token of {name}, shown only now:")
     print_line(stdout(), f"{name}.{token}")

@@ -120,15 +120,13 @@ def robot_keys(
     force: ForceOption = False,
 ) -> None:
     """Make certificates for robots, valid for the hosts in their addresses."""
-    config = EALConfigManager.load(fleet).fleet
-    folder = directory or folder_of(config)
+    config, folder = fleet_and_folder(fleet, directory)
     hosts = {name: [*_robot_hosts(config, name), *(host or [])] for name in names}  # fails before a file is made
     lifetime = parse_lifetime(valid) or VALID
     for name in names:
         require_not_revoked(folder, name)
     for name in names:
-        print_made(make_certificate(folder, name, hosts[name], valid=lifetime, force=force))
-        advise_to_copy(folder, name)
+        print_to_copy(make_certificate(folder, name, hosts[name], valid=lifetime, force=force))
 
 
 @app.command("controller", cls=EalCommand)
@@ -144,12 +142,10 @@ def controller_keys(
 
     The roles in the fleet file grant its rights, on every robot and router. The command prints what to add there.
     """
-    config = EALConfigManager.load(fleet).fleet
+    config, folder = fleet_and_folder(fleet, directory)
     _require_no_robot(config, name)
-    folder = directory or folder_of(config)
     require_not_revoked(folder, name)
-    print_made(make_certificate(folder, name, valid=parse_lifetime(valid) or VALID, force=force))
-    advise_to_copy(folder, name)
+    print_to_copy(make_certificate(folder, name, valid=parse_lifetime(valid) or VALID, force=force))
     security = config.network.security
     role = "observer" if observer else "controller"
     if security is None or not any((grant.name, grant.role) == (name, role) for grant in security.grants):
@@ -167,16 +163,14 @@ def router_keys(
     force: ForceOption = False,
 ) -> None:
     """Make a certificate for a router, valid for the hosts in network.routers of the fleet file."""
-    config = EALConfigManager.load(fleet).fleet
+    config, folder = fleet_and_folder(fleet, directory)
     _require_no_robot(config, name)
-    folder = directory or folder_of(config)
     require_not_revoked(folder, name)
     hosts = [*(parse_endpoint(endpoint).host for endpoint in config.network.routers), *(host or [])]
     if not hosts:
         why = "network.routers of the fleet file is empty: name the router's host"
         raise typer.BadParameter(why, param_hint="--host")
-    print_made(make_certificate(folder, name, hosts, valid=parse_lifetime(valid) or VALID, force=force))
-    advise_to_copy(folder, name)
+    print_to_copy(make_certificate(folder, name, hosts, valid=parse_lifetime(valid) or VALID, force=force))
     if config.network.security is None or name not in config.network.security.routers:
         advise(f"Next: add {name} to network.security.roles.routers in the fleet file, here and on the robots.")
 
@@ -184,8 +178,7 @@ def router_keys(
 @app.command("list", cls=EalCommand)
 def show_keys(fleet: FleetOption, directory: DirOption = None, as_json: JsonOption = False) -> None:
     """List the certificates with their rights and expiry dates."""
-    config = EALConfigManager.load(fleet).fleet
-    folder = directory or folder_of(config)
+    config, folder = fleet_and_folder(fleet, directory)
     revoked = revoked_names(folder)
     found: list[dict[str, Any]] = [
         {
@@ -212,6 +205,12 @@ def show_keys(fleet: FleetOption, directory: DirOption = None, as_json: JsonOpti
         name, hosts = Text(entry["name"], style="cyan"), "\n".join(entry["hosts"])
         table.add_row(name, hosts, entry["may"], expires, entry["file"])
     stdout().print(table)
+
+
+def fleet_and_folder(fleet: Path, directory: Path | None) -> tuple[FleetConfig, Path]:
+    """Return the fleet of a file, and the folder of its keys, in place of which `--dir` may name another."""
+    config = EALConfigManager.load(fleet).fleet
+    return config, directory or folder_of(config)
 
 
 def parse_lifetime(text: str | None) -> timedelta | None:
@@ -287,9 +286,11 @@ def print_made(certificate: Certificate) -> None:
     print_line(stderr(), f"{short_path(certificate.file)}: made{hosts}, valid until {certificate.expires:%Y-%m-%d}")
 
 
-def advise_to_copy(folder: Path, name: str) -> None:
-    """Print which files the owner of a certificate needs."""
-    files = (certificate_file(folder, AUTHORITY), certificate_file(folder, name), key_file(folder, name))
+def print_to_copy(certificate: Certificate) -> None:
+    """Print what was made, and which files its owner needs."""
+    print_made(certificate)
+    folder, name = certificate.file.parent, certificate.name
+    files = (certificate_file(folder, AUTHORITY), certificate.file, key_file(folder, name))
     advise(f"{name} needs {', '.join(str(short_path(file)) for file in files)}")
 
 

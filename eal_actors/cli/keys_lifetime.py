@@ -11,18 +11,17 @@ from typing import Annotated
 import typer
 
 from eal_actors.cli.exit_codes import ExitCode
-from eal_actors.cli.keys import DirOption, ValidOption, advise, advise_to_copy, parse_lifetime, print_made
+from eal_actors.cli.keys import DirOption, ValidOption, advise, fleet_and_folder, parse_lifetime, print_to_copy
 from eal_actors.cli.keys import app as keys_app
 from eal_actors.cli.options import EalCommand, FleetOption
 from eal_actors.cli.output import print_line, stderr, stdout
 from eal_actors.kernel.clock import wall_time
 from eal_actors.kernel.errors import EALError
 from eal_actors.kernel.suggestions import did_you_mean
-from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.wire.format import keys
 from eal_actors.wire.rpc.client.broadcast import ask_robots
-from eal_actors.wire.security.certificates import AUTHORITY, folder_of, list_certificates, make_pass, renew_certificate
+from eal_actors.wire.security.certificates import AUTHORITY, list_certificates, make_pass, renew_certificate
 from eal_actors.wire.security.expiry import expires_soon
 from eal_actors.wire.security.revocation import require_not_revoked, revoke, revoked_names
 
@@ -42,8 +41,7 @@ def renew_keys(
 
     Copy the new files to where the old ones are: robots and routers follow within two seconds, without a restart.
     """
-    config = EALConfigManager.load(fleet).fleet
-    folder = directory or folder_of(config)
+    _, folder = fleet_and_folder(fleet, directory)
     revoked = revoked_names(folder)
     present = {made.name: made for made in list_certificates(folder) if made.name != AUTHORITY}
     wanted = names or [
@@ -57,8 +55,7 @@ def renew_keys(
     for name in wanted:
         require_not_revoked(folder, name)
     for name in wanted:
-        print_made(renew_certificate(folder, name, parse_lifetime(valid)))
-        advise_to_copy(folder, name)
+        print_to_copy(renew_certificate(folder, name, parse_lifetime(valid)))
 
 
 @app.command("revoke", cls=EalCommand)
@@ -74,8 +71,7 @@ def revoke_keys(
     What their owners command is halted and their links are closed. A name stays revoked; use another one for a
     successor. Exits with 1 if a robot did not confirm: run the command again, without names, when it is back.
     """
-    config = EALConfigManager.load(fleet).fleet
-    folder = directory or folder_of(config)
+    config, folder = fleet_and_folder(fleet, directory)
     _require_known(names or [], {made.name for made in list_certificates(folder)} | set(config.robots) - {AUTHORITY})
     with TemporaryDirectory(prefix="eal-keys-") as place:
         make_pass(folder, Path(place), keys.AUTHORITY_CALLER)  # fails before anything is stored

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, Self, TypeAlias
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -39,6 +39,10 @@ RobotsArgument = Annotated[
     typer.Argument(metavar="[ROBOT]...", help="Names of robots; default: all robots.", autocompletion=complete_robots),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]
+JobsOption: TypeAlias = Annotated[
+    int | None,
+    typer.Option("--jobs", "-j", min=1, max=256, show_default="one for each processor", help="Processes."),
+]
 SettingsOption: TypeAlias = Annotated[
     list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="Value of a parameter; repeatable.")
 ]
@@ -62,6 +66,11 @@ class GlobalOptions:
 
     log_format: LogFormat = "human"
     log_level: LogLevel = "warning"
+
+    @classmethod
+    def of(cls, context: Any) -> Self:
+        """Return the options of a command's context; the defaults where the error is in the options themselves."""
+        return context.find_object(cls) or cls()
 
 
 class _PlainFlags:

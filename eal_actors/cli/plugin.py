@@ -126,7 +126,7 @@ def check_plugin(
     known = discover(())[0].get(str(plugin)) if not plugin.exists() else None
     folder = plugin if known is None else known.folder
     bench = Bench(folder, settings_of(parse_settings(setting or [])))
-    with _log_at_the_end(context.find_object(GlobalOptions) or GlobalOptions()):
+    with _log_at_the_end(GlobalOptions.of(context)):
         for result in run_checks(bench):
             results.append(result)
             if not as_json:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections import Counter
 from dataclasses import dataclass
-from typing import Self, TypeAlias
+from typing import Self
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
@@ -231,10 +231,7 @@ class LiveProgress:
         return [table, Text(f"and {counted(len(names) - room, 'robot')} more: {counts}", style="dim")]
 
 
-RunProgress: TypeAlias = LiveProgress | LineProgress
-
-
-def new_progress(console: Console, fleet: Fleet, options: GlobalOptions) -> RunProgress:
+def new_progress(console: Console, fleet: Fleet, options: GlobalOptions) -> LiveProgress | LineProgress:
     """Return the live table on a terminal, lines elsewhere."""
     if console.file.isatty() and not console.is_dumb_terminal:
         return LiveProgress(console, fleet.clock, options)

@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from eal_actors.cli.exit_codes import ExitCode
-from eal_actors.cli.options import BindingsOption, JsonOption, KeepOption, ScenarioArgument, SettingsOption
+from eal_actors.cli.options import BindingsOption, JobsOption, JsonOption, KeepOption, ScenarioArgument, SettingsOption
 from eal_actors.cli.output import counted, new_table, print_line, stderr, stdout, write_json
 from eal_actors.cli.run_options import RunOptions, read_request
 from eal_actors.cli.work import work_progress
@@ -41,10 +41,7 @@ def prove_scenario(
     ] = None,
     settings: SettingsOption = None,
     bindings: BindingsOption = None,
-    jobs: Annotated[
-        int | None,
-        typer.Option("--jobs", "-j", min=1, max=256, show_default="one for each processor", help="Processes."),
-    ] = None,
+    jobs: JobsOption = None,
     out: Annotated[Path | None, typer.Option(show_default="proofs/<scenario>", help="Folder of the proof.")] = None,
     keep: KeepOption = None,
     as_json: JsonOption = False,

@@ -50,7 +50,7 @@ def run_router(
     _validate(connect or [], "--connect")
     with router_session(config, name, lambda: router_config(endpoints, connect or [], config, name)):
         try:
-            if (context.find_object(GlobalOptions) or GlobalOptions()).log_format == "json":
+            if GlobalOptions.of(context).log_format == "json":
                 get_logger().warning("the router listens", endpoints=endpoints)  # of a visible level
             else:
                 print_line(

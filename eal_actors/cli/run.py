@@ -118,9 +118,10 @@ def run_scenario(
         return
     ahead = rehearse_ahead(request, lookahead, holds=lookahead_hold)
     with event_stream(events) as listeners, traces_to(trace, "eal run", console):
-        options = context.find_object(GlobalOptions) or GlobalOptions()
         view = partial(foxglove_at, foxglove, console=console, allow_control=foxglove_control)
-        finished = _execute(request, runs_dir, console, options, listeners, record, metrics_port, view, ahead)
+        finished = _execute(
+            request, runs_dir, console, GlobalOptions.of(context), listeners, record, metrics_port, view, ahead
+        )
     drawings = _Drawings(not no_plot and finished.interrupts < 2, film and finished.interrupts < 2, show)
     _show(finished, request.config, console, drawings, as_json=as_json)
     if (code := finished.exit_code(strict=strict)) is not None:
@@ -206,11 +207,10 @@ def _execute(
         directory = resumption.directory if resumption is not None else new_run_folder(runs_dir, plan.scenario.name)
         progress = new_progress(console, opened, options)
         with folder_errors(directory):
+            kept = directory
             if resumption is not None:
                 resumption = replace(resumption, time_s=repair_record(directory))
-            kept = directory
-            if request.resumption is not None:  # the inputs of a continued run have a folder of their own
-                kept = directory / f"continued-{len(request.resumption.continued_s) + 1}"
+                kept = directory / f"continued-{len(resumption.continued_s) + 1}"  # its inputs have their own folder
                 kept.mkdir(exist_ok=True)
             keep_provenance(kept, request.config, plan.scenario)
             recorder = RunRecorder(opened, [name for name in plan.robots if name not in plan.lost], directory, extent)

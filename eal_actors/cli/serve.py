@@ -49,7 +49,7 @@ def serve_robot(
     config = _with_identity(read_fleet(fleet, names), out)
     with traces_to(trace, f"eal serve {' '.join(names)}", out), _served(config, names) as services:
         service = services[0]
-        reload_at_hangup(partial(_reload, service, out, context.find_object(GlobalOptions) or GlobalOptions()))
+        reload_at_hangup(partial(_reload, service, out, GlobalOptions.of(context)))
         try:
             for one in services:
                 print_line(out, Text.assemble((one.robot.name, "bold"), f" serves {', '.join(one.robot)}"))

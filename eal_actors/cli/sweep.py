@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,7 +13,15 @@ from rich.console import Console
 from rich.text import Text
 
 from eal_actors.cli.exit_codes import ExitCode
-from eal_actors.cli.options import FleetOption, JsonOption, KeepOption, ScenarioArgument, SettingsOption, bad_option
+from eal_actors.cli.options import (
+    FleetOption,
+    JobsOption,
+    JsonOption,
+    KeepOption,
+    ScenarioArgument,
+    SettingsOption,
+    bad_option,
+)
 from eal_actors.cli.output import counted, print_line, stderr, stdout, write_json
 from eal_actors.cli.progress import STYLES
 from eal_actors.cli.run_options import RunOptions, read_request
@@ -33,7 +41,6 @@ from eal_actors.scenario.language.parameters import missing_parameters
 
 _LIMIT = 1000
 _SHOWN_FAILURES = 10
-OnResult = Callable[[SweepResult], None]
 
 
 def sweep_scenario(
@@ -50,10 +57,7 @@ def sweep_scenario(
         str | None, typer.Option(metavar="1:20", show_default="the fleet file's", help="Seeds, such as 1:20 or 1,5,9.")
     ] = None,
     settings: SettingsOption = None,
-    jobs: Annotated[
-        int | None,
-        typer.Option("--jobs", "-j", min=1, max=256, show_default="one for each processor", help="Processes."),
-    ] = None,
+    jobs: JobsOption = None,
     out: Annotated[Path | None, typer.Option(show_default="sweeps/<scenario>", help="Folder of the sweep.")] = None,
     repeat: Annotated[bool, typer.Option("--repeat", help="Run finished runs again too.")] = False,
     limit: Annotated[int, typer.Option(min=1, help="Largest number of runs.")] = _LIMIT,

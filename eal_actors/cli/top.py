@@ -37,7 +37,7 @@ def show_top(
     handle_signals()
     config = in_real_time(read_fleet(fleet, robots or ()))
     require_modules(config, config.robots)
-    options = context.find_object(GlobalOptions) or GlobalOptions()
+    options = GlobalOptions.of(context)
     calls, lines = RecentCalls(), LogBuffer()
     with Fleet(config).connect() as opened:
         clock = opened.clock
