@@ -22,6 +22,7 @@ from eal_actors.cli.output import counted, new_table, print_line, stderr, stdout
 from eal_actors.cli.run_options import SeedOption
 from eal_actors.cli.work import work_progress
 from eal_actors.device.differential_base import NOMINAL, WheelCalibration
+from eal_actors.device.localization.pose_estimate import Point
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.bundled import short_path
 from eal_actors.kernel.clock import Clock
@@ -38,7 +39,7 @@ from eal_actors.lab.calibration.drive import (
     wheelbase_of,
 )
 from eal_actors.lab.calibration.fit import Fit, fit_squares
-from eal_actors.lab.calibration.square import WAYS, Point, SquareEnds, Way, read_square_ends
+from eal_actors.lab.calibration.square import WAYS, SquareEnds, Way, read_square_ends
 from eal_actors.lab.fleet_edits import require_own
 from eal_actors.managers.fleet_model import FleetConfig
 

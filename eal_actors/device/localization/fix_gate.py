@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import Final
 
 from eal_actors.device.localization.odometry_noise import OdometryNoise
-from eal_actors.device.localization.pose_estimate import Covariance, PoseEstimate
-from eal_actors.device.localization.pose_filter import FilterState, Pose, between, distance, predict
+from eal_actors.device.localization.pose_estimate import Covariance, Pose, PoseEstimate
+from eal_actors.device.localization.pose_filter import FilterState, between, distance, predict
 from eal_actors.device.localization.pose_history import Moment
 
 GATE: Final = 25.0

@@ -11,8 +11,8 @@ from typing import Final
 
 from eal_actors.device.localization.fix_gate import FixGate, inflated
 from eal_actors.device.localization.odometry_noise import OdometryNoise
-from eal_actors.device.localization.pose_estimate import Covariance, PoseEstimate, diagonal
-from eal_actors.device.localization.pose_filter import FilterState, Pose
+from eal_actors.device.localization.pose_estimate import Covariance, Pose, PoseEstimate, diagonal
+from eal_actors.device.localization.pose_filter import FilterState
 from eal_actors.device.localization.pose_history import HISTORY_S, PoseHistory
 from eal_actors.kernel.errors import ArgumentError, NotReadyError
 from eal_actors.kernel.log import get_logger

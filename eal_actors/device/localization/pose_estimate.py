@@ -13,6 +13,10 @@ from eal_actors.kernel.errors import ArgumentError
 MAP_FRAME: Final = "map"
 """The frame of all pose estimates of a fleet: metres, x right, y up, yaw counter-clockwise from x."""
 
+Point: TypeAlias = tuple[float, float]
+"""x and y in m."""
+Pose: TypeAlias = tuple[float, float, float]
+"""x and y in m, yaw in rad, counter-clockwise from x."""
 Row: TypeAlias = tuple[float, float, float]
 Covariance: TypeAlias = tuple[Row, Row, Row]
 """Of x, y and yaw, in m², m·rad and rad². Plain numbers: small boards have no numpy."""

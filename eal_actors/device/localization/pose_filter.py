@@ -18,10 +18,9 @@ from dataclasses import dataclass
 from typing import Final, TypeAlias
 
 from eal_actors.device.localization.odometry_noise import OdometryNoise
-from eal_actors.device.localization.pose_estimate import Covariance, PoseEstimate, wrapped_rad
+from eal_actors.device.localization.pose_estimate import Covariance, Pose, PoseEstimate, wrapped_rad
 
 Matrix: TypeAlias = list[list[float]]
-Pose: TypeAlias = tuple[float, float, float]
 
 _SIZE: Final = 6
 _WANDER: Final = 0.02

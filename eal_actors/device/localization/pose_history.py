@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from eal_actors.device.localization.odometry_noise import OdometryNoise
-from eal_actors.device.localization.pose_estimate import PoseEstimate
-from eal_actors.device.localization.pose_filter import FilterState, Pose, between, beyond, predict, update
+from eal_actors.device.localization.pose_estimate import Pose, PoseEstimate
+from eal_actors.device.localization.pose_filter import FilterState, between, beyond, predict, update
 
 HISTORY_S: Final = 3.0
 """How long odometry is kept; a fix that is older cannot be applied."""

@@ -11,12 +11,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-from eal_actors.device.localization.pose_estimate import PoseEstimate
+from eal_actors.device.localization.pose_estimate import Pose, PoseEstimate
 from eal_actors.device.motion.route_controller import (
     STANDSTILL,
     STAYS,
     MotionLimits,
-    PlanarPose,
     PlanarTwist,
     RouteController,
     braking_speed,
@@ -177,7 +176,7 @@ class ClosedLoop:
         finally:
             self._device.halt()
 
-    def _next_twist(self, pose: PlanarPose, duration_s: float) -> PlanarTwist:
+    def _next_twist(self, pose: Pose, duration_s: float) -> PlanarTwist:
         """Return the twist for a pose; slower, down to a standstill, before something that sensors see."""
         twist, now_s = self._controller.step(pose, duration_s), self._device.clock.now()
         self._obstacle = ""
@@ -229,7 +228,7 @@ class ClosedLoop:
             raise error
         self._twist = self._controller.pause()
 
-    def _pose(self, estimate: PoseEstimate, now_s: float) -> PlanarPose:
+    def _pose(self, estimate: PoseEstimate, now_s: float) -> Pose:
         """Return the pose now: the estimate, and what the last twist has added since.
 
         Raises LocalizationError if the pose is too uncertain, and not at the goal.
@@ -248,7 +247,7 @@ class ClosedLoop:
             raise self._lost(pose, why)
         return pose
 
-    def _lost(self, pose: PlanarPose, why: str) -> LocalizationError:
+    def _lost(self, pose: Pose, why: str) -> LocalizationError:
         return LocalizationError(f"halted {self._controller.errors(pose)[0]:.2f} m from its goal: {why}")
 
     def _why_unsure(self, estimate: PoseEstimate) -> str | None:

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 from eal_actors.device.data import DataType, EALData
 from eal_actors.device.info import ValueInfo
+from eal_actors.device.localization.pose_estimate import Point
 from eal_actors.device.motion.closed_loop import ClosedLoop, MotionDevice
-from eal_actors.device.motion.route import Point, Route
+from eal_actors.device.motion.route import Route
 from eal_actors.device.motion.route_controller import MotionLimits, RouteController
 from eal_actors.device.resource import Activity, Resource, command, request, setting
 from eal_actors.kernel.errors import ArgumentError, UnsupportedError

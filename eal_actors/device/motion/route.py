@@ -6,9 +6,9 @@ import bisect
 import itertools
 import math
 from collections.abc import Sequence
-from typing import Final, TypeAlias
+from typing import Final
 
-Point: TypeAlias = tuple[float, float]
+from eal_actors.device.localization.pose_estimate import Point
 
 _CORNER_RAD: Final = math.radians(30)
 """A sharper bend is a corner: the robot drives to it and turns in place, so that it never cuts it."""

@@ -12,12 +12,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final, NamedTuple, TypeAlias
+from typing import Final, NamedTuple
 
-from eal_actors.device.motion.route import Point, Route
-
-PlanarPose: TypeAlias = tuple[float, float, float]
-"""x and y in metres, yaw in radians."""
+from eal_actors.device.localization.pose_estimate import Pose
+from eal_actors.device.localization.pose_filter import between
+from eal_actors.device.motion.route import Route
 
 ARRIVED_M: Final = 0.004
 ARRIVED_RAD: Final = math.radians(0.4)
@@ -88,24 +87,24 @@ class RouteController:
         self.is_at_goal = False
         self.turn_left_rad: float | None = None
 
-    def errors(self, pose: PlanarPose) -> tuple[float, float]:
+    def errors(self, pose: Pose) -> tuple[float, float]:
         """Return the distance to the goal in m, and the angle to its heading in rad; 0 for any heading."""
         end_x, end_y = self._route.end
         off_rad = math.remainder(self._yaw_rad - pose[2], math.tau) if self._yaw_rad is not None else 0.0
         return math.hypot(end_x - pose[0], end_y - pose[1]), off_rad
 
-    def is_within(self, pose: PlanarPose, factor: float = 1.0) -> bool:
+    def is_within(self, pose: Pose, factor: float = 1.0) -> bool:
         """Return whether a pose is within the tolerances of the goal, at the end of the route."""
         off_m, off_rad = self.errors(pose)
         is_last = self._route.length_m - self._route.travelled_m <= _NEAR_M
         return is_last and off_m <= factor * ARRIVED_M and abs(off_rad) <= factor * ARRIVED_RAD
 
-    def left_m(self, pose: PlanarPose) -> float:
+    def left_m(self, pose: Pose) -> float:
         """Return the distance to go along the route."""
         route = self._route
         return max(route.length_m - route.travelled_m, self.errors(pose)[0])
 
-    def step(self, pose: PlanarPose, duration_s: float) -> PlanarTwist:
+    def step(self, pose: Pose, duration_s: float) -> PlanarTwist:
         """Return the twist for the next step, a duration after the step before; a standstill at the goal."""
         self._route.advance(pose[0], pose[1])
         twist = self._wanted(pose)
@@ -138,7 +137,7 @@ class RouteController:
             self._twist = PlanarTwist(before.speed_m_s * share, before.turn_rate_rad_s * share)
         return self._twist
 
-    def _wanted(self, pose: PlanarPose) -> PlanarTwist:
+    def _wanted(self, pose: Pose) -> PlanarTwist:
         off_m, off_rad = self.errors(pose)
         left_m = self._route.length_m - self._route.travelled_m
         self._is_at_end = left_m <= _NEAR_M and off_m <= (STAYS if self._is_at_end else 1.0) * ARRIVED_M
@@ -149,14 +148,14 @@ class RouteController:
         self._is_turning = True  # if the turn moves it, it aims anew
         return STANDSTILL if self.is_at_goal else self._turn(off_rad)
 
-    def _approach(self, pose: PlanarPose) -> PlanarTwist:
+    def _approach(self, pose: Pose) -> PlanarTwist:
         route = self._route
         if route.corner_m < route.length_m and route.corner_m - route.travelled_m < _PASSED_M:
             route.pass_corner()
             self._is_turning = True
         aim_m = route.travelled_m + max(_LOOK_AHEAD_M, _LOOK_AHEAD_S * abs(self._twist.speed_m_s))
         is_last = route.corner_m >= route.length_m <= aim_m
-        ahead_m, side_m = _seen_from(pose, route.end if is_last else route.point_ahead(aim_m))
+        ahead_m, side_m, _ = between(pose, (*(route.end if is_last else route.point_ahead(aim_m)), 0.0))
         distance_m = math.hypot(ahead_m, side_m)
         sense = -1.0 if is_last and ahead_m < 0 and distance_m < _NEAR_M else 1.0
         bearing_rad = math.atan2(sense * side_m, sense * ahead_m)
@@ -191,10 +190,3 @@ def _gained(before: float, wanted: float, gain: float) -> float:
     if before * wanted < 0:
         return math.copysign(min(abs(wanted), gain), wanted)
     return math.copysign(min(abs(wanted), abs(before) + gain), wanted)
-
-
-def _seen_from(pose: PlanarPose, point: Point) -> tuple[float, float]:
-    """Return the distances of a point ahead of a robot and to its left."""
-    x_m, y_m, yaw_rad = pose
-    dx, dy, cos, sin = point[0] - x_m, point[1] - y_m, math.cos(yaw_rad), math.sin(yaw_rad)
-    return cos * dx + sin * dy, cos * dy - sin * dx

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
+from eal_actors.device.localization.pose_estimate import Point
 from eal_actors.kernel.errors import ArgumentError
-
-if TYPE_CHECKING:
-    from eal_actors.device.navigation.traffic.lattice import Point  # needs numpy, which the core does without
 
 
 def assign_places(starts: Sequence[Point], places: Sequence[Point]) -> list[int]:

@@ -18,6 +18,7 @@ from typing import Final
 
 import numpy as np
 
+from eal_actors.device.localization.pose_estimate import Point
 from eal_actors.device.navigation.grid import FREE, INFLATED, UNKNOWN, Mask, OccupancyGrid
 from eal_actors.kernel.errors import NoPathError
 
@@ -31,7 +32,6 @@ _WAYS_OUT: Final = 200  # cells that are tried to leave a start that is not free
 _STRAIGHT: Final = 1e-9
 _GAIN: Final = 0.999  # a pass that shortens a path by less is the last one
 
-Point = tuple[float, float]
 _Cell = tuple[int, int]
 
 

@@ -21,9 +21,9 @@ from typing import Final
 import numpy as np
 
 from eal_actors.actors.handles import RobotHandle
+from eal_actors.device.localization.pose_estimate import Point
 from eal_actors.device.navigation.grid import FREE, GridOrigin, OccupancyGrid
 from eal_actors.device.navigation.traffic.errors import TrafficError
-from eal_actors.device.navigation.traffic.lattice import Point
 from eal_actors.device.navigation.traffic.planner import TrafficPlan, plan_traffic
 from eal_actors.device.navigation.traffic.roadmap import StandingDisc, Traveller
 from eal_actors.device.navigation.world_grid import RESOLUTION_M

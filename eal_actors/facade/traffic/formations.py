@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
+from eal_actors.device.localization.pose_estimate import Point
 from eal_actors.device.navigation.assigning import assign_places
 from eal_actors.device.world import Formation, formation_poses
 from eal_actors.kernel.errors import ArgumentError
 from eal_actors.kernel.strict_model import wording_of
-
-if TYPE_CHECKING:
-    from eal_actors.device.navigation.traffic.lattice import Point
 
 
 def formation_goals(

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 from eal_actors.actors.call import Call
-from eal_actors.device.navigation.traffic.lattice import Point
+from eal_actors.device.localization.pose_estimate import Point
 from eal_actors.device.navigation.traffic.planner import TrafficMove
 from eal_actors.facade.traffic.trips import Trip
 

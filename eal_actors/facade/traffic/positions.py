@@ -8,8 +8,7 @@ from typing import Final
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.robot_view import RobotState
-from eal_actors.device.localization.pose_estimate import PoseEstimate
-from eal_actors.device.navigation.traffic.lattice import Point
+from eal_actors.device.localization.pose_estimate import Point, PoseEstimate
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import EALError, LocalizationError, NotReadyError
 from eal_actors.kernel.log import get_logger

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from typing_extensions import override
 
 from eal_actors.actors.future import CallSoon, Future
 from eal_actors.actors.handles import RobotHandle
+from eal_actors.device.localization.pose_estimate import Point
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import EALError
-
-if TYPE_CHECKING:
-    from eal_actors.device.navigation.traffic.lattice import Point  # needs numpy, which the core does without
 
 
 @dataclass(frozen=True, slots=True)

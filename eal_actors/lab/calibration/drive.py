@@ -11,8 +11,10 @@ from typing_extensions import override
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
 from eal_actors.device.data import EALData
 from eal_actors.device.differential_base import WheelCalibration
+from eal_actors.device.localization.pose_estimate import Point, Pose
+from eal_actors.device.localization.pose_filter import between
 from eal_actors.kernel.errors import BlockedError, UnsupportedError
-from eal_actors.lab.calibration.square import LEGS, START, WAYS, Point, Pose, SquareEnds, Way, seen_from
+from eal_actors.lab.calibration.square import LEGS, START, WAYS, SquareEnds, Way
 
 BASE: Final = "Base"
 _TRUTH: Final = "TruePose"
@@ -48,7 +50,7 @@ class GroundTruth(SquareMeasurement):
 
     @override
     def measure(self, way: Way, number: int) -> Point:
-        return seen_from(self._start, _pose_of(self._pose))[:2]
+        return between(self._start, _pose_of(self._pose))[:2]
 
 
 def has_ground_truth(robot: RobotHandle) -> bool:

@@ -15,12 +15,9 @@ from statistics import fmean, variance
 from typing import Final, Literal, TypeAlias
 
 from eal_actors.device.differential_base import NOMINAL, WheelCalibration
+from eal_actors.device.localization.pose_estimate import Point, Pose
 from eal_actors.kernel.errors import ArgumentError, ConfigError, Problem, file_error, writing
 
-Pose: TypeAlias = tuple[float, float, float]
-"""x and y in metres, yaw in radians, counter-clockwise and unwrapped."""
-Point: TypeAlias = tuple[float, float]
-"""x and y in metres."""
 Way: TypeAlias = Literal["cw", "ccw"]
 """Direction of a square: clockwise, with turns to the right, or counter-clockwise."""
 
@@ -55,14 +52,6 @@ def along_arc(pose: Pose, ahead_m: float, turn_rad: float) -> Pose:
     chord_m = ahead_m * math.sin(half_rad) / half_rad if half_rad else ahead_m
     heading_rad = yaw_rad + half_rad
     return x_m + chord_m * math.cos(heading_rad), y_m + chord_m * math.sin(heading_rad), yaw_rad + turn_rad
-
-
-def seen_from(start: Pose, pose: Pose) -> Pose:
-    """Return a pose in the frame of `start`; yaw in (-pi, pi]."""
-    east_m, north_m = pose[0] - start[0], pose[1] - start[1]
-    cosine, sine = math.cos(start[2]), math.sin(start[2])
-    yaw_rad = math.pi - (math.pi - (pose[2] - start[2])) % math.tau
-    return east_m * cosine + north_m * sine, north_m * cosine - east_m * sine, yaw_rad
 
 
 @dataclass(frozen=True, slots=True)

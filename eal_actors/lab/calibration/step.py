@@ -8,17 +8,16 @@ from pathlib import Path
 from typing import Any, Final
 
 from eal_actors.device.differential_base import NOMINAL
+from eal_actors.device.localization.pose_estimate import Point, Pose
+from eal_actors.device.localization.pose_filter import between
 from eal_actors.kernel.errors import ArgumentError, ScenarioError
 from eal_actors.lab.calibration.drive import calibration_of_base, wheelbase_of
 from eal_actors.lab.calibration.fit import Fit, fit_squares
 from eal_actors.lab.calibration.square import (
     START,
     WAYS,
-    Point,
-    Pose,
     SquareEnds,
     read_square_ends,
-    seen_from,
     write_square_ends,
 )
 from eal_actors.scenario.report.files import check_file_name
@@ -94,7 +93,7 @@ def _measured(ends: Sequence[Sequence[Any]], start: Sequence[float]) -> SquareEn
     for number, end in enumerate(ends, start=1):
         try:
             way, seen, believed = (*end, START)[:3]
-            x_m, y_m, _ = seen_from(_pose(start), _pose(seen))
+            x_m, y_m, _ = between(_pose(start), _pose(seen))
             points[way].append((x_m - float(believed[0]), y_m - float(believed[1])))
         except (TypeError, ValueError, KeyError, IndexError):
             raise ScenarioError(

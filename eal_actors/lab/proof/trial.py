@@ -16,6 +16,7 @@ from tempfile import TemporaryDirectory
 from typing import Final
 
 from eal_actors.actors.future import Future
+from eal_actors.device.localization.pose_estimate import Pose
 from eal_actors.device.proximity import ProximityObserver
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import Clock, new_waiter
@@ -27,9 +28,6 @@ from eal_actors.scenario import Plan, Report, Run, Scenario, load_scenario, make
 from eal_actors.scenario.language.binding import Wishes
 from eal_actors.scenario.language.parameters import with_parameters
 from eal_actors.scenario.report.journal import EVENTS, SUMMARY
-
-Pose2D = tuple[float, float, float]
-"""x and y in metres and yaw in radians, in the world's frame."""
 
 _TRUE_POSE: Final = "TruePose"
 _AFTER_S: Final = 1.0
@@ -64,7 +62,7 @@ class Trial:
     is_late: bool = False
     touches: Mapping[tuple[str, str], float] | None = None
     moved_m: Mapping[str, float] | None = None
-    poses: Mapping[str, Pose2D] | None = None
+    poses: Mapping[str, Pose] | None = None
 
 
 @dataclass
@@ -175,8 +173,8 @@ def _touches(contacts: ProximityRecorder, fleet: Fleet, start_s: float) -> dict[
     return found
 
 
-def _true_poses(fleet: Fleet) -> dict[str, Pose2D]:
-    found: dict[str, Pose2D] = {}
+def _true_poses(fleet: Fleet) -> dict[str, Pose]:
+    found: dict[str, Pose] = {}
     for name, robot in fleet.items():
         if _TRUE_POSE in robot:
             x_m, y_m, yaw_rad = map(float, robot[_TRUE_POSE].get_value().get().value)

@@ -9,9 +9,9 @@ from typing import Final
 
 import numpy as np
 
+from eal_actors.device.localization.pose_estimate import Point
 from eal_actors.device.navigation.grid import OCCUPIED_FROM, OccupancyGrid
 from eal_actors.device.navigation.planner import plan_path
-from eal_actors.device.navigation.traffic.lattice import Point
 from eal_actors.device.navigation.traffic.roadmap import StandingDisc, Traveller
 from eal_actors.kernel.errors import NoPathError
 

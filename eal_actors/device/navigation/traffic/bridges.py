@@ -15,8 +15,9 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
+from eal_actors.device.localization.pose_estimate import Point
 from eal_actors.device.navigation.grid import OCCUPIED, GridOrigin, OccupancyGrid
-from eal_actors.device.navigation.traffic.lattice import Edge, Point
+from eal_actors.device.navigation.traffic.lattice import Edge
 
 Bridge: TypeAlias = tuple[int, tuple[Point, ...], int]
 """A place, the points between, and another place."""

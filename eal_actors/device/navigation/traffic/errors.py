@@ -13,10 +13,8 @@ from eal_actors.kernel.errors import ArgumentError
 class TrafficError(ArgumentError):
     """Some robots cannot all reach their goals. `robots` is empty if it is about all of them."""
 
-    def __init__(
-        self, message: str = "", *, robots: Sequence[str] = (), robot: str | None = None, resource: str | None = None
-    ) -> None:
-        super().__init__(message, robot=robot, resource=resource)
+    def __init__(self, message: str = "", *, robots: Sequence[str] = (), **place: str | None) -> None:
+        super().__init__(message, **place)
         self.robots = tuple(robots)
 
     @override

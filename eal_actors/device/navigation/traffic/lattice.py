@@ -6,11 +6,10 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
+from eal_actors.device.localization.pose_estimate import Point
 from eal_actors.device.navigation.grid import OccupancyGrid
 from eal_actors.device.navigation.traffic.errors import TrafficError
 
-Point: TypeAlias = tuple[float, float]
-"""x and y in m, in the map frame."""
 Edge: TypeAlias = tuple[int, int]
 
 MAX_PLACES: Final = 20_000

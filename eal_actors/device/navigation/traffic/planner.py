@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+from eal_actors.device.localization.pose_estimate import Point
 from eal_actors.device.navigation.grid import OccupancyGrid
 from eal_actors.device.navigation.traffic.action_graph import action_graph
 from eal_actors.device.navigation.traffic.alone import way_alone
 from eal_actors.device.navigation.traffic.errors import TrafficError
 from eal_actors.device.navigation.traffic.lacam import NoPlanError, SearchError, search
-from eal_actors.device.navigation.traffic.lattice import Point
 from eal_actors.device.navigation.traffic.problem import FAR, TrafficProblem, cost_of
 from eal_actors.device.navigation.traffic.refining import refine
 from eal_actors.device.navigation.traffic.roadmap import RoadmapBuilder, StandingDisc, Traveller, point_text

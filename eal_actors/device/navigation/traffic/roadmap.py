@@ -22,10 +22,11 @@ from typing import Final
 
 import numpy as np
 
+from eal_actors.device.localization.pose_estimate import Point
 from eal_actors.device.navigation.grid import OccupancyGrid
 from eal_actors.device.navigation.traffic.bridges import find_bridges, way_out
 from eal_actors.device.navigation.traffic.errors import TrafficError
-from eal_actors.device.navigation.traffic.lattice import Edge, Point, lay_lattice
+from eal_actors.device.navigation.traffic.lattice import Edge, lay_lattice
 from eal_actors.device.navigation.traffic.problem import TrafficProblem
 from eal_actors.device.navigation.traffic.segments import Floats, distances_to_ways_m
 

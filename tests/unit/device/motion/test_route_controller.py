@@ -8,7 +8,8 @@ from random import Random
 
 import pytest
 
-from eal_actors.device.motion.route import Point, Route
+from eal_actors.device.localization.pose_estimate import Point
+from eal_actors.device.motion.route import Route
 from eal_actors.device.motion.route_controller import (
     STANDSTILL,
     MotionLimits,

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from eal_actors.device.differential_base import NOMINAL, WheelCalibration
-from eal_actors.lab.calibration.square import along_arc, seen_from, square_end
+from eal_actors.device.localization.pose_filter import between
+from eal_actors.lab.calibration.square import along_arc, square_end
 
 calibrations = st.builds(WheelCalibration, track_factor=st.floats(0.5, 2.0), wheel_ratio=st.floats(0.9, 1.1))
 lengths = st.floats(-100, 100)
@@ -68,7 +69,7 @@ def test_tracks_that_turn_too_little_end_where_geometry_says() -> None:
 def test_what_is_seen_from_a_start_does_not_depend_on_the_start(
     start: tuple[float, float, float], ahead_m: float, turn_rad: float
 ) -> None:
-    seen = seen_from(start, along_arc(start, ahead_m, turn_rad))
+    seen = between(start, along_arc(start, ahead_m, turn_rad))
     assert seen == pytest.approx(along_arc((0.0, 0.0, 0.0), ahead_m, turn_rad), abs=1e-9)
 
 

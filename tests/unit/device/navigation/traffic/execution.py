@@ -6,7 +6,7 @@ import math
 import random
 from collections.abc import Mapping
 
-from eal_actors.device.navigation.traffic.lattice import Point
+from eal_actors.device.localization.pose_estimate import Point
 from eal_actors.device.navigation.traffic.planner import TrafficPlan
 
 

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from eal_actors.device.localization.pose_estimate import Point
 from eal_actors.device.navigation.grid import GridOrigin, OccupancyGrid
-from eal_actors.device.navigation.traffic.lattice import Point
 from eal_actors.device.navigation.traffic.problem import Path, TrafficProblem
 from eal_actors.device.navigation.traffic.roadmap import Traveller
 
