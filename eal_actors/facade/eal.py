@@ -58,6 +58,8 @@ def connect(host: str | None = None, port: int = DEFAULT_PORT, *, fleet: str | P
 
     Thread: blocks the caller while the robot starts.
     """
+    if not isinstance(host, str | None):
+        raise TypeError(f"connect takes the name of one robot, not {host!r}; a Fleet connects many")
     if isinstance(fleet, Fleet):
         return EAL(_select_robot(fleet, host, port))
     path = find_file(fleet or os.environ.get(FLEET_VARIABLE) or bundled_path("fleets/local.yaml"), "fleet")

@@ -51,6 +51,8 @@ class Fleet(FleetCalls):
 
     def __init__(self, config: FleetConfig, clock: Clock | None = None) -> None:
         super().__init__()
+        if not isinstance(config, FleetConfig):
+            raise TypeError(f"a Fleet is made of a FleetConfig; Fleet.load reads a file, not Fleet({config!r})")
         self.config = config
         self.clock = clock if clock is not None else clock_of(config.rate)
         self._starter = RobotStarter(config, self.clock)

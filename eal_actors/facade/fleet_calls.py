@@ -114,7 +114,7 @@ class FleetCalls(TravellingRobots, Mapping[str, RobotHandle]):
 
     def _chosen(self, robots: Iterable[RobotHandle | str]) -> list[RobotHandle]:
         """Return the handles of robots or names; raise ArgumentError if one is given twice."""
-        chosen = [robots] if isinstance(robots, str) else robots  # one name, not its letters
+        chosen = [robots] if isinstance(robots, str | RobotHandle) else robots  # not its letters or resources
         handles = [self[robot] if isinstance(robot, str) else robot for robot in chosen]
         if len(set(handles)) != len(handles):
             raise ArgumentError(f"a robot is given twice: {', '.join(robot.name for robot in handles)}")

@@ -242,7 +242,7 @@ class _ValueBuilder:
     def _mapping(self, node: yaml.Node, path: YamlPath) -> MarkedDict:
         mapping = MarkedDict(self._mark(node))
         for key_node, child in node.value:
-            if (key := self._key(key_node, path)) is None:
+            if (key := self._key(key_node, child, path)) is None:
                 continue
             if key in mapping:
                 first = mapping.key_marks[key]
@@ -251,7 +251,7 @@ class _ValueBuilder:
             mapping.put(key, value, self._mark(key_node), self._mark(child))
         return mapping
 
-    def _key(self, node: yaml.Node, path: YamlPath) -> str | None:
+    def _key(self, node: yaml.Node, value: yaml.Node, path: YamlPath) -> str | None:
         if not isinstance(node, yaml.ScalarNode):
             self.report(node, path, "a key must be text, not a list or mapping")
             return None
@@ -267,6 +267,8 @@ class _ValueBuilder:
             is_text = False
         if not is_text:
             shown = f"{text} is not; write it in quotes: '{text}'" if text else "this one is empty"
+            if text.isdecimal() and value.value == "":  # `{x_m: 1,5}`
+                shown = f"{text} is not; a decimal number has a point, not a comma"
             self.report(node, path, f"a key must be text, and {shown}")
             return None
         return text

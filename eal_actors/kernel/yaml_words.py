@@ -52,6 +52,8 @@ def _content(line: str) -> str:
 def _missing_colon(lines: list[str], number: int) -> tuple[str, int, int]:
     line = _line(lines, number)
     word = (_content(line).split() or [""])[0]
+    if ":" in word:
+        return f"a space is missing after the ':' in '{word}'", number, line.index(word) + word.index(":") + 2
     return f"a ':' is missing after '{word}'", number, line.index(word) + len(word) + 1 if word else 1
 
 

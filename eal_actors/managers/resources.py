@@ -14,6 +14,9 @@ from eal_actors.kernel.errors import ResourceInUseError, ResourceNotFoundError
 T = TypeVar("T")
 
 
+_numbers = itertools.count()
+
+
 class _ById(dict[int, T]):
     def __missing__(self, resource_id: int) -> T:
         raise ResourceNotFoundError(
@@ -24,15 +27,14 @@ class _ById(dict[int, T]):
 class EALResourceManager(Generic[T]):
     """The resources of one connection (Source: thesis §4.3.3).
 
-    A resource gets its id at the first look-up, so ids differ between connections (§4.4). `get` returns the object of
-    an id from `find`, in every call, so without a frame of Python; an id that no resource has in this connection raises
-    ResourceNotFoundError. Thread: any.
+    A resource gets its id at the first look-up (§4.4). No two connections of a process have the same id: one robot's
+    must not command another. `get` returns the object of an id from `find`, in every call, so without a frame of
+    Python; an id that no resource has in this connection raises ResourceNotFoundError. Thread: any.
     """
 
     def __init__(self, resources: Mapping[str, T]) -> None:
         self._resources = dict(resources)
         self._lock = threading.Lock()
-        self._numbers = itertools.count()
         self._id_by_name: dict[str, int] = {}
         self._by_id: dict[int, T] = _ById()
         self.get: Callable[[int], T] = self._by_id.__getitem__
@@ -48,7 +50,7 @@ class EALResourceManager(Generic[T]):
             if name not in self._resources:
                 raise ResourceNotFoundError(unknown_name("resource", name, self._resources))
             if name not in self._id_by_name:
-                number = self._id_by_name[name] = next(self._numbers)
+                number = self._id_by_name[name] = next(_numbers)
                 self._by_id[number] = self._resources[name]
             return self._id_by_name[name]
 

@@ -50,7 +50,8 @@ def test_a_glance_waits_for_nothing_that_is_under_way() -> None:
         asked = robot["Gauge"].get_value()
         assert gauge.is_asked.wait(WAIT_S)
         seen = robot["Gauge"].glance()
-        assert (seen and seen.value, asked.done()) == (1.5, False)
+        assert seen is not None
+        assert (seen.value, asked.done()) == (1.5, False)
         assert gauge.seen_in == [threading.get_ident()]
         gauge.may_answer.set()
         assert asked.get().value == 2.0

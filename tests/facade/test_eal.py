@@ -234,6 +234,13 @@ def test_a_fleet_that_is_not_connected_refuses_calls(line_fleet: Path) -> None:
         fleet["onee"]
 
 
+def test_what_opens_neither_a_robot_nor_a_fleet_is_named(line_fleet: Path) -> None:
+    with pytest.raises(TypeError, match=r"the name of one robot, not \['arm'\]"):
+        connect(["arm"], fleet=line_fleet)  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match=r"Fleet\.load reads a file, not Fleet\('sim'\)"):
+        Fleet("sim")  # type: ignore[arg-type]
+
+
 def test_robots_can_be_connected_one_after_the_other(line_fleet: Path) -> None:
     with Fleet.load(line_fleet).connect(["two"]) as fleet:
         assert list(fleet) == ["two"]

@@ -46,6 +46,7 @@ def test_values_and_statuses_come_by_robot(fleet: Fleet) -> None:
     after = fleet.read([fleet["robot2"], "robot1"], "Pose").get()
     assert list(after) == ["robot2", "robot1"]
     assert list(fleet.read("robot1", "Pose").get()) == ["robot1"]
+    assert list(fleet.read(fleet["robot1"], "Pose").get()) == ["robot1"]  # not its resources
     for name, pose in after.items():
         assert pose.value[0] - before[name].value[0] == pytest.approx(0.3, abs=1e-6)
 

@@ -136,6 +136,10 @@ class Wordy(Resource):
     types = ResourceType.SENSOR
     def not_ready(self):
         return "n" * 1_100_000
+def connect():
+    plugin = EALPlugin("Wordy")
+    plugin.left_out = ("no camera", "o" * 1_100_000)
+    return plugin
 """
 SILENT = """
 def connect():
@@ -154,6 +158,8 @@ def test_long_texts_of_plugins_keep_nobody_out(rig: Rig) -> None:
         assert robot["Gauge"].get_value().get().value == -42
         assert robot.ping().get().not_ready["Wordy"].startswith("nnn")
         assert "connect raised RuntimeError: xxx" in str(robot.problems[0])
+        with pytest.raises(ResourceNotFoundError, match=r"'Camera'.*; left out: no camera; left out: ooo"):
+            robot["Camera"]
 
 
 def test_resources_themselves_cannot_be_had(rig: Rig) -> None:

@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Sequence
-from typing import Any, Final, final
+from typing import Any, Final, NoReturn, final
 
 from eal_actors.device.data.c_types import (
     ARRAY_BY_DTYPE,
@@ -62,7 +62,8 @@ class EALData:
     """An immutable value with its C type, unit, frame and time.
 
     Everything is checked at construction; bytes are made when they are needed. Two are equal if their descriptions and
-    bytes are: a NaN equals itself, 0.0 differs from -0.0. Not hashable, because it may hold a numpy array.
+    bytes are: a NaN equals itself, 0.0 differs from -0.0. Not hashable, because it may hold a numpy array. Neither true
+    nor false, because `if eal.get_value(bump):` means the `value`.
 
     Args:
         value: int, float, bool, str, bytes, a list or tuple of numbers, or a numpy array; None for VOID alone. The
@@ -304,6 +305,9 @@ class EALData:
         if not isinstance(other, EALData):
             return NotImplemented
         return self.description == other.description and self.payload == other.payload
+
+    def __bool__(self) -> NoReturn:
+        raise TypeError(f"{self!r} is neither true nor false; its `value` may be")
 
     __hash__ = None  # type: ignore[assignment]
 

@@ -176,8 +176,8 @@ class _RobotPoller:
             data, self._pose = _result_or_none(self._pose), None
         if self._skip_polls > 0:
             self._skip_polls -= 1
-        elif self._pose is None:
-            data = self._read_pose() or data
+        elif self._pose is None and (read := self._read_pose()) is not None:
+            data = read
         return self._take_pose(data) if data is not None and self._is_pose(data) else None
 
     def _take_pose(self, data: EALData) -> dict[str, Any] | None:

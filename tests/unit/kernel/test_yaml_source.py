@@ -86,6 +86,10 @@ def test_a_quoted_scalar_is_text(text: str) -> None:
         ("a: 1\nb: {a: 1, a: 2}", "f.yaml:2:11: b.a: duplicate key; first defined in line 2"),
         ('a: 1\n"a": 2', "f.yaml:2:1: a: duplicate key; first defined in line 1"),
         ("a: {5: x}", "f.yaml:1:5: a: a key must be text, and 5 is not; write it in quotes: '5'"),
+        (
+            "a: {b: -1,5, c: 2}",
+            "f.yaml:1:11: a: a key must be text, and 5 is not; a decimal number has a point, not a comma",
+        ),
         ("true: x", "f.yaml:1:1: a key must be text, and true is not; write it in quotes: 'true'"),
         (".inf: x", "f.yaml:1:1: a key must be text, and .inf is not; write it in quotes: '.inf'"),
         ("? \n: x", "f.yaml:1:2: a key must be text, and this one is empty"),
@@ -108,6 +112,7 @@ def test_a_quoted_scalar_is_text(text: str) -> None:
         ("a:\n\tb: 1", "f.yaml:2:1: YAML does not allow a tab here; use spaces"),
         ("a: b: c", "f.yaml:1:5: a second ': ' in one line: put the value in quotes, or begin a new line"),
         ("a: 1\nb 2\nc: 3", "f.yaml:2:2: a ':' is missing after 'b'"),
+        ("a: 1\nb:2\nc: 3", "f.yaml:2:3: a space is missing after the ':' in 'b:2'"),
         ("a: 1\nb\n  c: 3", "f.yaml:2:2: a ':' is missing after 'b'"),
         (
             "a: x\n  b: 2",

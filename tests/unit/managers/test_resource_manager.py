@@ -13,15 +13,22 @@ def manager() -> EALResourceManager[str]:
 
 def test_ids_are_given_when_first_asked_for_and_stay(manager: EALResourceManager[str]) -> None:
     camera, base = manager.find("Camera"), manager.find("Base")
-    assert (camera, base) == (0, 1)
+    assert (camera, base) == (camera, camera + 1)
     assert manager.find("Camera") == camera
     assert manager.get(camera) == "the camera"
 
 
-@pytest.mark.parametrize("bad", [-1, 0, 99])
+@pytest.mark.parametrize("bad", [-1, 10**9])
 def test_an_id_that_was_never_given_is_refused(manager: EALResourceManager[str], bad: int) -> None:
     with pytest.raises(ResourceNotFoundError, match=f"no resource has the id {bad}"):
         manager.get(bad)
+
+
+def test_an_id_of_another_connection_is_refused(manager: EALResourceManager[str]) -> None:
+    other = EALResourceManager({"Base": "the base of another robot"})
+    manager.find("Base")
+    with pytest.raises(ResourceNotFoundError, match="in this connection"):
+        manager.get(other.find("Base"))
 
 
 def test_an_unknown_name_is_refused_with_the_nearest(manager: EALResourceManager[str]) -> None:

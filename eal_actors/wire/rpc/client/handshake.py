@@ -27,6 +27,7 @@ class Handshake:
     Attributes:
         stopped: reason of its emergency stop; None if it is not stopped.
         problems: errors of its plugins.
+        left_out: reasons why connected plugins lack resources.
         not_ready: reasons why resources are not ready, by name.
         rights: calls that it grants; None for all.
         running: rows of running commands; see CommandBoard.replace.
@@ -37,6 +38,7 @@ class Handshake:
     infos: tuple[ResourceInfo, ...]
     stopped: str | None
     problems: tuple[str, ...]
+    left_out: tuple[str, ...]
     not_ready: Mapping[str, str]
     rights: Rights | None
     running: object
@@ -58,6 +60,7 @@ class Handshake:
                 tuple(info_from(fields) for fields in answer["resources"]),
                 None if stopped is None else str(stopped),
                 tuple(str(problem) for problem in answer["problems"]),
+                tuple(str(reason) for reason in answer.get("left_out", ())),
                 text_map(answer.get("not_ready", {})),
                 None if certificate is None else Rights.decode(answer.get("rights"), certificate),
                 answer.get("running", ()),

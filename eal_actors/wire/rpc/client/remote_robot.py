@@ -211,7 +211,7 @@ class RemoteRobot(EALActor):
         if handshake.has_failed and problems:
             reason = problems[-1].message.removeprefix(f"{RobotFailedError.__name__}: {self.name}: ")
             problems[-1] = RobotFailedError(reason, robot=self.name)
-        self.view.problems = tuple(problems)
+        self.view.problems, self.view.left_out = tuple(problems), handshake.left_out
 
     def _update_stop(self, stopped: str | None) -> None:
         """Copy the robot's emergency stop; a stop that has not reached the robot is sent again."""

@@ -155,9 +155,11 @@ class RequestHandler:
         self._admission.enter(header.client, header.epoch)
         if self._robot.state is RobotState.STARTING:
             raise UnavailableError("it is still starting")
+        problems = self._robot.problems
         return {
             **self._state_fields(header),
-            "problems": [error_text(problem)[:_MAX_TEXT] for problem in self._robot.problems],
+            "problems": [error_text(problem)[:_MAX_TEXT] for problem in problems],
+            "left_out": [reason[:_MAX_TEXT] for reason in self._robot.left_out[len(problems) :]],  # after the problems'
             "resources": [handle.info.to_dict() for handle in self._robot.values()],
             "process": self._host.process,
             "rights": encode_rights(self._host.network.security, self._robot.name),

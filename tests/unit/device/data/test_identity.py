@@ -127,3 +127,10 @@ def test_repr_of_a_megabyte_is_short(value: Any) -> None:
     assert data.length == 2**20
     assert len(repr(data)) < 250
     assert len(repr(rebuilt(data))) < 250
+
+
+@pytest.mark.parametrize("value", [True, False, 0, 0.5, "", None, [1.0, 2.0]])
+def test_data_is_neither_true_nor_false(value: object) -> None:
+    """`if eal.get_value(bump):` would be true for every value."""
+    with pytest.raises(TypeError, match=r"EALData\(.*\) is neither true nor false; its `value` may be"):
+        bool(EALData.of(value))
