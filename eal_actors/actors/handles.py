@@ -74,6 +74,11 @@ class RobotHandle(RobotParts, Mapping[str, ResourceHandle]):
         self._actor, self._view = actor, view
         self.starts += 1
 
+    def leave(self, error: EALError) -> None:
+        """Let calls fail with an error, without closing the connection; for the fleet. Thread: any; takes no lock."""
+        for cell in self._view.cells.values():
+            cell.error, cell.actor, cell.serve_now, cell.read_now = error, None, None, None
+
     def __repr__(self) -> str:
         return f"<RobotHandle {self.name}: {self.state.value}>"
 

@@ -92,6 +92,8 @@ class Fleet(FleetCalls):
             ConfigError: a plugin does not exist or refuses its settings, or the rate is max and robots are in other
                 processes. Nothing is connected then.
             RobotNotFoundError: the fleet has no robot of one of the names.
+            UnavailableError: robots are in other processes, and this one is a fork of a program that has used the
+                network. Nothing is connected then.
 
         Thread: blocks the caller.
         """
@@ -101,7 +103,7 @@ class Fleet(FleetCalls):
         self._starter.check(wanted)
         try:
             with self._start_lock:
-                close_on_exit(self.close)
+                close_on_exit(self.close, self._leave)
                 self.clock.sleep(0)  # from here on a lock-step clock counts this thread
                 for robot in wanted:  # one by one: `close` must know each if Ctrl-C strikes
                     if robot.name not in self._robots:
@@ -222,6 +224,10 @@ class Fleet(FleetCalls):
             if not self._robots:
                 self._starter.end_sessions(timeout_s)
                 forget(self.close)
+
+    def _leave(self, error: EALError) -> None:
+        for robot in self._robots.values():
+            robot.leave(error)
 
     def __enter__(self) -> Self:
         return self if self._robots else self.connect()

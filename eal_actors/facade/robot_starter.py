@@ -21,6 +21,7 @@ from eal_actors.managers.plugins import EALPluginManager
 from eal_actors.wire.engine_setup import limit_heaps
 from eal_actors.wire.rpc.client.controller import Controller
 from eal_actors.wire.rpc.client.remote_robot import RemoteRobot
+from eal_actors.wire.session import check_process
 
 
 class RobotStarter:
@@ -41,13 +42,18 @@ class RobotStarter:
             limit_heaps()
 
     def check(self, robots: Iterable[RobotConfig]) -> None:
-        """Raise ConfigError if a plugin does not exist or refuses its settings, or the clock does not fit."""
+        """Raise ConfigError if a plugin does not exist or refuses its settings, or the clock does not fit.
+
+        Raises UnavailableError if a robot is in another process, which this one cannot reach since it is a fork.
+        """
         problems: set[Problem] = set()
         for robot in robots:
             if robot.address is None:  # the plugins of the others are in other processes
                 problems.update(self._plugins.check(robot)[0])
             elif self.config.rate == MAX:
                 problems.add(self.config.tree.problem(("clock", "rate"), no_lock_step(robot.name)))
+            else:
+                check_process()
         if problems:
             raise ConfigError(problems)
 

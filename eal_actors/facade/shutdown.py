@@ -15,16 +15,22 @@ from collections.abc import Callable
 from types import FrameType
 from typing import Final, NoReturn
 
-import eal_actors.wire.engine_exit  # noqa: F401  # its exit handler runs after this module's
+from eal_actors.kernel.errors import EALError, UnavailableError
+from eal_actors.wire.engine_exit import IS_A_FORK  # whose exit handler runs after this module's
 
 _SIGNALS: Final = tuple(one for one in signal.valid_signals() if getattr(one, "name", "") in ("SIGTERM", "SIGHUP"))
 """Signals that end a program; not every system has both."""
-_actions: dict[Callable[[], None], None] = {}
+_actions: dict[Callable[[], None], Callable[[EALError], None]] = {}
+_process_id = os.getpid()
+"""The process that has the actions; another one in a child until `_leave_all` has run."""
 
 
-def close_on_exit(close: Callable[[], None]) -> None:
-    """Close something when the program exits. Thread: any; signals are handled if it is the main thread."""
-    _actions[close] = None
+def close_on_exit(close: Callable[[], None], leave: Callable[[EALError], None]) -> None:
+    """Close something when the program exits. A forked child leaves it to its parent; `leave` gets the reason.
+
+    Thread: any; signals are handled if it is the main thread.
+    """
+    _actions[close] = leave
     _replace_handlers(signal.SIG_DFL, _exit)
 
 
@@ -49,11 +55,24 @@ def _close_all() -> None:
         close()
 
 
+def _leave_all() -> None:
+    """Leave everything to the parent. Thread: the only one of a child, where a lock may be held for ever."""
+    global _process_id
+    _process_id = os.getpid()
+    _replace_handlers(_exit, signal.SIG_DFL)
+    for leave in _actions.values():
+        leave(UnavailableError(IS_A_FORK))
+    _actions.clear()
+
+
 if hasattr(os, "register_at_fork"):  # the robots of a child are its parent's
-    os.register_at_fork(after_in_child=_actions.clear)
+    os.register_at_fork(after_in_child=_leave_all)
 
 
 def _exit(number: int, _frame: FrameType | None) -> NoReturn:
+    if os.getpid() != _process_id:  # an exception within a fork is ignored, and its signal would be lost
+        signal.signal(number, signal.SIG_DFL)
+        signal.raise_signal(number)
     sys.exit(128 + number)
 
 

@@ -34,6 +34,12 @@ has_begun = False
 is_over = False
 """Whether all sessions are closed, so that no thread may enter the engine."""
 
+IS_A_FORK: Final = (
+    "this process is a fork, which lacks the threads of its parent: "
+    'start it with multiprocessing.get_context("spawn"), and open the fleet in it'
+)
+"""Why a child of `os.fork` cannot use the network or the fleets of its parent."""
+
 _TIMEOUT_S: Final = 25.0
 """Real seconds after which the program ends nevertheless. The end of a session waits for TLS handshakes under way, up
 to 20 s each: with 5 s, a program whose emulated robots did not answer ended by SIGABRT."""

@@ -5,7 +5,8 @@ and so does their controller: as *clients* of one router at a time, with the oth
 receive every message twice from two joined routers, and no message would pass between two peers of one router. A
 controller with both kinds of robots is a peer that is linked to the first router only.
 
-A session must not be used on both sides of a fork: start processes with `spawn`.
+A session must not be used on both sides of a fork: start processes with `spawn`. A child opens no session of its own
+either once its parent has had one: the engine makes its threads with the first session, and a fork does not copy them.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
@@ -25,7 +27,7 @@ from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER, DEFAULT_NETWORK, NetworkConfig, parse_endpoint
-from eal_actors.wire.engine_exit import close_at_exit, start_thread
+from eal_actors.wire.engine_exit import IS_A_FORK, close_at_exit, start_thread
 from eal_actors.wire.engine_setup import limit_heaps, return_buffers, share_threads
 from eal_actors.wire.format.packing import MAX_ENVELOPE_BYTES, MAX_PAYLOAD_BYTES
 from eal_actors.wire.link_watch import Link, hang_up, watching
@@ -79,6 +81,8 @@ between its pieces, and the image takes twice as long. Streams, which are droppe
 _QUEUE: Final = {"size": {"data": _BATCHES}, "congestion_control": {"block": {"wait_before_close": _STALLED_US}}}
 _sessions: Final[set[zenoh.Session]] = set()
 """The open sessions of this process."""
+_engine_pids: Final[set[int]] = set()
+"""The processes that have opened a session: this one, and those that it is a fork of."""
 _SOURCE_PLACE: Final = re.compile(r" at /\S+")
 """Position in zenoh's source, which its errors contain."""
 
@@ -213,6 +217,12 @@ def _config(
     }
 
 
+def check_process() -> None:
+    """Raise UnavailableError if this process is a fork of one that has opened a session. Thread: any."""
+    if _engine_pids - {os.getpid()}:
+        raise UnavailableError(IS_A_FORK)
+
+
 @contextmanager
 def open_session(
     config: dict[str, Any],
@@ -226,12 +236,14 @@ def open_session(
     example for a missing certificate, shows only as calls without replies. `on_stuck` is called when the engine
     finishes no handshake any more; the session should be opened again then. Raises UnavailableError if the port is in
     use, no router answers, it is no longer wanted, or it took longer than `timeout_s` real seconds and, for each router
-    but the last, a dial; and ProtocolError if zenoh does not take the configuration.
+    but the last, a dial, or in a fork; and ProtocolError if zenoh does not take the configuration.
 
     Thread: any; blocks while it opens, and up to CLOSE_TIMEOUT_S while it closes.
     """
     import zenoh
 
+    check_process()
+    _engine_pids.add(os.getpid())
     share_threads()
     try:
         checked = zenoh.Config.from_json5(json.dumps(config))

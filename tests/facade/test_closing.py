@@ -127,6 +127,26 @@ fleet.close(1.0)
 """
 
 
+FORKED = """
+import os, signal
+os.register_at_fork(after_in_child=lambda: signal.raise_signal(signal.SIGTERM))
+from eal_actors import Fleet
+
+with Fleet.load("sim"):
+    child = os.fork()
+    if not child:
+        os._exit(7)
+    _, status = os.waitpid(child, 0)
+print(os.waitstatus_to_exitcode(status), signal.getsignal(signal.SIGTERM))
+"""
+
+
+def test_a_child_that_is_terminated_while_it_is_forked_ends() -> None:
+    """Else `multiprocessing.Pool`, which sends the signal once, waits for it for ever."""
+    ended = subprocess.run([sys.executable, "-c", FORKED], capture_output=True, text=True, check=True)
+    assert ended.stdout == f"{-signal.SIGTERM.value} {int(signal.SIG_DFL)}\n"
+
+
 @pytest.mark.slow
 def test_robots_are_not_stuck_while_their_process_gets_no_processor(tmp_path: Path) -> None:
     """It is frozen twice for longer than the limit."""

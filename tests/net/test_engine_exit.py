@@ -101,6 +101,27 @@ sys.exit(os.waitstatus_to_exitcode(status) if child else 5)
 """
 """Its child leaves a `with` block that its parent has entered."""
 
+FORKING = """
+import os, sys
+from eal_actors import EALError, Fleet
+file, errors = sys.argv[1], []
+with Fleet.load(file) as fleet:
+    robot, (reader, writer) = fleet["r1"], os.pipe()
+    if not os.fork():
+        for use in (lambda: robot["Gauge"].get_value().get(), lambda: robot.halt().get(), Fleet.load(file).connect):
+            try:
+                use()
+            except EALError as error:
+                errors.append(f"{type(error).__name__}: {error}")
+        os.write(writer, "|".join(errors).encode())
+        os._exit(0)
+    os.close(writer)
+    told = os.fdopen(reader).read()
+    assert robot["Gauge"].get_value(timeout_s=30).get().value == -42
+sys.exit(told)
+"""
+"""Its child reads and halts a robot of its parent's fleet, and opens a fleet of its own."""
+
 LOOKING = """
 import socket, time
 from eal_actors import Fleet
@@ -180,6 +201,18 @@ def test_a_forked_child_leaves_a_with_block_of_its_parent_at_once(rig: Rig, how:
     """It waited 8 s for threads that it does not have."""
     with rig.served_here():
         assert outcome(run(LEAVER, how, rig.file)) == (5, "")
+
+
+def test_a_forked_child_learns_that_it_cannot_use_robots(rig: Rig) -> None:
+    """Calls failed at their deadlines, and robots did not answer at their addresses."""
+    with rig.served_here():
+        _, told = outcome(run(FORKING, rig.file))
+    why = "this process is a fork, which lacks the threads of its parent: "
+    reading, halt, fleet = (error.partition(why) for error in told.split("|"))
+    assert reading[:2] == ("UnavailableError: r1/Gauge: ", why)
+    assert halt[:2] == ("UnavailableError: r1/Arm: ", why)
+    assert fleet[:2] == ("UnavailableError: ", why)
+    assert 'start it with multiprocessing.get_context("spawn")' in fleet[2]
 
 
 def test_a_name_server_that_is_silent_does_not_hold_up_the_end(tmp_path: Path) -> None:
