@@ -87,7 +87,6 @@ class Build:
     """One build.
 
     Args:
-        platform: the board.
         image: the image definition.
         local: the user's settings.
         lock_file: the lock file.

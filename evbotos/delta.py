@@ -34,7 +34,6 @@ class Piece:
 
     Attributes:
         start: its offset in the new file.
-        length: its length.
         source: the offset in the robot's running part that has the same bytes; None if they must be sent.
     """
 

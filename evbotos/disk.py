@@ -68,7 +68,6 @@ class Contents:
     """The contents of a disk.
 
     Attributes:
-        platform: the board.
         root: the compressed root file system for slot A, with its hash tree.
         verity: what identifies it.
         kernel: the kernel file for both slots, if a loader on the disk starts it.

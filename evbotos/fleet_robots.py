@@ -63,7 +63,6 @@ class FleetRobots:
     """A connected fleet.
 
     Attributes:
-        fleet: the fleet.
         file: its fleet file.
         check: the scenario that an updated robot must pass; None for none.
         say: reports a robot's step.

@@ -54,7 +54,6 @@ class Standing:
         good: whether it is permanent.
         due: whether the next start tries the other slot.
         release: the running release.
-        platform: the board.
         verity: identifies the running root.
         other_verity: identifies the root in the other slot; empty if that may not start.
     """
@@ -75,9 +74,6 @@ class Update:
 
     Attributes:
         signed: the manifest, to the byte.
-        signature: its signature.
-        platform: the board.
-        release: its release.
         verity: identifies its root.
         parts: the files by part.
     """

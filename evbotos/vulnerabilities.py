@@ -48,7 +48,6 @@ class Finding:
     """A vulnerability of a component.
 
     Attributes:
-        component: the component.
         identifier: of the vulnerability, such as CVE-2024-1234.
         fixed: the version without it; empty if there is none yet.
         urgency: Debian's judgement, or empty.

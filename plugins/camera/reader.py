@@ -79,7 +79,6 @@ class SourceReader:
 
     Args:
         open_capture: opens the source, or raises OSError while it is absent. It may block or hang.
-        options: the options.
         clock: the fleet's clock, for time stamps and time-outs of callers.
 
     Thread: any, unless a method states another.

@@ -40,7 +40,6 @@ class PictureSource:
     """A source of pictures.
 
     Attributes:
-        kind: its kind.
         address: its device path, URL, path, or command line.
         arguments: a program and its arguments.
     """

@@ -61,7 +61,6 @@ class EvBotPlugin(EALPlugin):
 
     Attributes:
         session: the session with the base.
-        odometer: its odometer.
         drivetrain: the parameters of its base.
     """
 

@@ -151,11 +151,9 @@ class BaseEmulator:
     """An emulated base: firmware with a codec, bytes in, bytes out.
 
     Args:
-        firmware: the firmware.
         codec: the wire codec.
 
     Attributes:
-        firmware: the firmware.
         nonsense: the number of intact but invalid requests.
     """
 

@@ -137,7 +137,6 @@ class BaseRequest:
     """A message from the host.
 
     Attributes:
-        verb: its verb.
         tag: its number, 0..65535.
         lease: its lease, 1..65535; 0 in a greeting.
         numbers: the arguments of the verb.
@@ -156,7 +155,6 @@ class BaseReply:
     Attributes:
         verb: the request's.
         tag: the request's.
-        code: the result.
         numbers: if the code is OK: those of a BaseWelcome after a greeting, else of the make's status.
     """
 

@@ -71,7 +71,6 @@ class ServedBase:
     """An emulated base behind two faulty wires, in its own time. Thread: its wire's.
 
     Args:
-        device: the base.
         now_s: returns the device's time, the same as that of its vehicle.
         incoming: the wire for requests.
         outgoing: the wire for replies.

@@ -59,11 +59,7 @@ class TurretVehicle(Vehicle, Protocol):
 
 
 class TurretController(Actuator):
-    """Controls the turret.
-
-    Args:
-        servo: the servo.
-    """
+    """Controls the turret."""
 
     def __init__(self, servo: TurretServo) -> None:
         super().__init__()

@@ -36,7 +36,6 @@ class Base(VelocityBase):
     """Drives or flies the vehicle; get_status: 0 stands, 1 moves.
 
     Args:
-        context: of the plugin.
         link: to the vehicle.
     """
 

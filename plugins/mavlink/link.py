@@ -83,12 +83,7 @@ class VehicleReading:
 
 
 class MavLink:
-    """The link to one vehicle.
-
-    Args:
-        context: of the plugin.
-        settings: of the plugin.
-    """
+    """The link to one vehicle."""
 
     def __init__(self, context: PluginContext, settings: Settings) -> None:
         self._settings = settings

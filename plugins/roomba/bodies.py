@@ -83,7 +83,6 @@ class OtherWheelbase:
     """A body with its wheels at another distance: the same speeds turn it at another rate.
 
     Args:
-        body: the body.
         factor: the distance of its wheels by that of the body.
     """
 

@@ -63,14 +63,12 @@ class EmulatedRoomba(ABC):
     """The byte-level state machine.
 
     Args:
-        body: its body.
         mode_pause_s: it ignores input for this time after a mode change; 0 if the bytes come through an operating
             system, with its unknown delays.
         has_device_detect: whether its line for waking it is connected, see `device_detect`. If not, as on a
             pseudo-terminal, Start wakes it.
 
     Attributes:
-        mode: its mode.
         violations: bytes lost during pauses.
         refused: number of commands that were invalid, or not allowed in its mode.
         complaints: the latest invalid commands.

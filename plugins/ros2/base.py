@@ -28,7 +28,6 @@ class Base(VelocityBase):
 
     Args:
         drivetrain: from the settings.
-        context: of the plugin.
         publisher: of the velocities.
         odometer: closes the motions.
         navigator: drives to a place by Nav2; None for our own closed loop.

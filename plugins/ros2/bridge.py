@@ -138,7 +138,6 @@ class SubscribedFeed:
     """Publishes what costs much to ask for, while somebody subscribes to its topic. Thread: one at a time.
 
     Args:
-        session: of the bridge.
         topic: fully qualified.
         period_s: real seconds from one message to the next.
         ask: asks for the content.

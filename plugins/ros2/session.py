@@ -196,7 +196,6 @@ class RosNode:
 
     Attributes:
         namespace: such as `/lab`; `/` for none.
-        name: its name.
     """
 
     def __init__(self, session: RosSession, namespace: str, name: str, number: int) -> None:

@@ -89,9 +89,6 @@ class QuerySpace:
 
     It is updated on access only. Motion and contact use another space, so that no query can change a path.
 
-    Args:
-        model: the world.
-
     Attributes:
         is_stale: whether something may have moved since the last query.
         names: a readable name for each shape.

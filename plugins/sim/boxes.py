@@ -23,7 +23,6 @@ class SimBox:
     """A movable box.
 
     Args:
-        world: the world.
         number: index among the world's boxes, from 0.
         space: its physics space.
 

@@ -26,8 +26,6 @@ class SimulatedRobotCamera:
     """A camera that a robot of the world carries. Thread: any.
 
     Args:
-        world: the world.
-        robot: the robot.
         lens: the camera's lens.
         offset_m: distance of the camera ahead of the robot's axis.
     """

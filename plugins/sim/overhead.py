@@ -38,7 +38,6 @@ class SimulatedOverheadCamera:
     """A camera above the floor of a simulated world.
 
     Args:
-        world: the world.
         name: the camera's name in the world file.
         services: names the markers on the robots.
 

@@ -85,7 +85,6 @@ class ContactEngine:
     """The physics engine: standing robots, sliding boxes and pushing robots.
 
     Args:
-        model: the world.
         tick_s: length of a physics tick.
         on_contact: called with the name of a robot and that of what it begins to touch.
 
@@ -288,7 +287,6 @@ class ProximityReporter:
     After a report, a robot is skipped until something may have come nearer than the gap that the observer asked for.
 
     Args:
-        model: the world.
         queries: the current places of everything.
         observer: receives the gaps.
         tick_s: length of a physics tick.

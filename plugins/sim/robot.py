@@ -35,7 +35,6 @@ class SimRobot(FreeRobot):
 
     Args:
         name: the robot's name.
-        make: its make.
         noise: whether its wheels have the errors of its make.
         group: collision group, over 0 and unique in the world: queries skip the robot's own shape.
         seed: the fleet's seed.

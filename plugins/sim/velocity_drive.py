@@ -14,7 +14,6 @@ class VelocityDrive(WheelMotion):
     """The wheels follow target speeds with the make's acceleration. Targets of 0 end the motion.
 
     Args:
-        make: the make.
         speeds_m_s: initial speeds of the left and the right wheel.
         targets_m_s: the speeds to reach.
         hold_s: the targets become 0 after this time; None for never.

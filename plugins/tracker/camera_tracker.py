@@ -41,7 +41,6 @@ class CameraTracker:
 
     Args:
         name: the camera's name.
-        lens: its lens.
         family: of the markers.
         groups: size and height of the markers on robots, by id.
         floor: corners of the floor markers in the map frame, (4, 3), by id.
@@ -49,7 +48,6 @@ class CameraTracker:
 
     Attributes:
         name: the camera's name.
-        lens: its lens.
         sightings: the markers on robots in the newest picture, by id.
         detections: all markers in the newest picture.
         stamp_s: the newest picture's time of exposure; None before the first.

@@ -29,7 +29,6 @@ class TrackingProblem:
     """A problem.
 
     Attributes:
-        kind: its kind.
         camera: the camera's name; empty if it is about all of them.
         marker: the marker's id; None if it is about a camera.
         text: what is wrong, and what to do.

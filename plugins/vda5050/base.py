@@ -34,7 +34,6 @@ class Base(DifferentialBase):
     """Drives the AGV by orders; get_status: 0 stands, 1 has an order or moves, 2 is held.
 
     Args:
-        context: of the plugin.
         link: to the AGV.
     """
 

@@ -59,12 +59,7 @@ _NOISE: Final = OdometryNoise(scatter_m=0.0, turn_scatter_rad=0.0, scale_share=1
 
 
 class AgvLink:
-    """The link to one AGV.
-
-    Args:
-        context: of the plugin.
-        settings: of the plugin.
-    """
+    """The link to one AGV."""
 
     def __init__(self, context: PluginContext, settings: Settings) -> None:
         self._settings = settings

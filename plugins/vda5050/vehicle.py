@@ -32,8 +32,6 @@ class FleetVehicle:
     """One robot as an AGV.
 
     Args:
-        robot: the robot.
-        settings: of the bridge.
         clock: the fleet's clock.
     """
 

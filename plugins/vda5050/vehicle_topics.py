@@ -20,7 +20,6 @@ class VehicleTopics:
 
     Args:
         name: its serial number, the robot's name.
-        settings: of the bridge.
         clock: the fleet's clock.
     """
 

@@ -31,8 +31,6 @@ class TextureBaker:
     """Creates the textures of one world.
 
     Args:
-        model: the world.
-        light: its light.
         detail: factor on the samples in a metre; under 1 for large worlds.
 
     Thread: one.

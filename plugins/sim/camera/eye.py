@@ -56,7 +56,6 @@ class Eye:
         y_m: its y.
         z_m: its height over the floor.
         yaw_rad: its viewing direction, counter-clockwise from the x axis.
-        lens: its lens.
     """
 
     x_m: float

@@ -55,7 +55,6 @@ class Layer:
         fill: writes its colours.
         left_share: covered share of its first column, 0..1.
         right_share: covered share of its last column, 0..1.
-        columns: its columns.
     """
 
     first: int
@@ -97,7 +96,6 @@ class _LayerPainter:
     """Paints a layer.
 
     Args:
-        layer: the layer.
         tops: its upper edge.
         bottoms: its lower edge.
         extent: the least and the greatest row of its upper edge, and those of its lower edge.

@@ -30,9 +30,6 @@ class RoomLight:
     """The lamps and the ambient light of a world, as factors on the colours of surfaces.
 
     The exposure makes the floor and the walls, on average, a little darker than their colours.
-
-    Args:
-        model: the world.
     """
 
     def __init__(self, model: WorldModel) -> None:

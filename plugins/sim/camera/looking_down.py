@@ -152,7 +152,6 @@ class OverheadRenderer:
 
     Args:
         scene: the world's fixed surfaces.
-        camera: the camera.
         plates: the markers on the floor.
 
     Thread: one at a time.

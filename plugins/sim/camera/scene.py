@@ -34,8 +34,6 @@ class Scene:
         light: how bright its surfaces are.
         walls: the four walls, seen from inside.
         posters: what hangs on them.
-        floor: the floor.
-        ceiling: the ceiling.
         blocks: the blocks that do not move; no two overlap.
         towers: the pillars and beacons.
         faces: the faces of the walls, of the posters, and of each block.

@@ -77,7 +77,6 @@ class Block:
         corners: counter-clockwise, x and y in metres.
         height_m: of its top.
         faces: those that can be seen.
-        top: its top.
     """
 
     corners: tuple[Point, ...]
@@ -97,7 +96,6 @@ class Drum:
         height_m: of its top over the floor.
         yaw_rad: where the middle of its side's texture faces, counter-clockwise from the x axis.
         side: its side, unrolled; left to right as it is seen from outside.
-        top: its top.
         gains: how bright its side is where it faces against x, and on counter-clockwise in equal steps back to there,
             (n,); None where the light is in the texture.
     """

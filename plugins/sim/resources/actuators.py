@@ -42,7 +42,6 @@ class Base(DifferentialBase, RobotResource):
 
     Args:
         world: the world of the robot.
-        robot: the robot.
         context: of the plugin, for motions to a pose.
     """
 

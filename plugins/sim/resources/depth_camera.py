@@ -54,7 +54,6 @@ class DepthCamera(RangingResource):
 
     Args:
         world: the world of the robot.
-        robot: the robot.
         settings: size, field of view, range and noise.
     """
 

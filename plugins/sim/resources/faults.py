@@ -57,7 +57,6 @@ class Faults(RobotResource):
 
     Args:
         world: the world of the robot.
-        robot: the robot.
         link: the simulated link between controllers and the robot.
         plan: the planned faults.
         clock: the fleet's clock, which the plan follows.

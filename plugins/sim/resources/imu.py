@@ -43,7 +43,6 @@ class Imu(RobotResource):
 
     Args:
         world: the world of the robot.
-        robot: the robot.
         settings: noise and bias.
     """
 

@@ -51,7 +51,6 @@ class Lidar(RangingResource):
 
     Args:
         world: the world of the robot.
-        robot: the robot.
         settings: rays, field of view, range and noise.
     """
 

@@ -63,7 +63,6 @@ class Pose(PoseResource):
 
     Args:
         world: the world of the robot.
-        robot: the robot.
         localizer: of the robot.
         clock: the fleet's clock.
         is_calibrated: whether its wheels are calibrated.

@@ -24,7 +24,6 @@ class RangingResource(RobotResource):
 
     Args:
         world: the world of the robot.
-        robot: the robot.
         noise_m: standard deviation of a distance; for a depth camera, of a depth of 1 m.
         max_range_m: greatest range.
         generator: source of the noise.

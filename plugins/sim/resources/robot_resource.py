@@ -21,7 +21,6 @@ class RobotResource(Resource):
 
     Args:
         world: the world of the robot.
-        robot: the robot.
 
     Attributes:
         settings_key: the plugin's setting that the robot must have for this resource, passed to the class as its third
