@@ -67,6 +67,11 @@ def fps_of(capture: Any) -> dict[str, float]:
     return {"fps": fps} if LEAST_FPS <= fps <= MOST_FPS else {}
 
 
+def size_of(capture: Any) -> dict[str, float]:
+    """Return the width and height of a VideoCapture."""
+    return {"width": capture.get(cv2.CAP_PROP_FRAME_WIDTH), "height": capture.get(cv2.CAP_PROP_FRAME_HEIGHT)}
+
+
 def refuse_all(what: str, has: Mapping[str, float | None], wishes: Mapping[str, float]) -> list[str]:
     """Return messages that refuse every setting that differs from the present one.
 

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from typing_extensions import override
 
-from .capture import LEAST_FPS, MOST_FPS, Capture, Image, fps_of, is_same_fps, refuse_all
+from .capture import LEAST_FPS, MOST_FPS, Capture, Image, fps_of, is_same_fps, refuse_all, size_of
 
 SUFFIXES: Final = (".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp")
 
@@ -67,11 +67,7 @@ class VideoFile(_Recording):
 
     @override
     def adjust(self, wishes: Mapping[str, float]) -> list[str]:
-        size = {
-            "width": self._capture.get(cv2.CAP_PROP_FRAME_WIDTH),
-            "height": self._capture.get(cv2.CAP_PROP_FRAME_HEIGHT),
-        }
-        return refuse_all("video file", {**size, **self.mode()}, wishes)
+        return refuse_all("video file", {**size_of(self._capture), **self.mode()}, wishes)
 
     @override
     def release(self) -> None:

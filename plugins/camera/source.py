@@ -92,7 +92,7 @@ class PictureSource:
         """
         openers: dict[SourceKind, Callable[[], Capture]] = {
             SourceKind.DEVICE: lambda: open_device(self.address, fourcc),
-            SourceKind.STREAM: lambda: open_stream(self.address, self.name, timeout_s),
+            SourceKind.STREAM: lambda: open_stream(self.address, timeout_s),
             SourceKind.FILE: lambda: VideoFile(Path(self.address), loop=loop),
             SourceKind.FOLDER: lambda: ImageFolder(Path(self.address), loop=loop, fps=fps or 1.0),
             SourceKind.PROGRAM: lambda: ProgramStream(self.arguments, timeout_s),

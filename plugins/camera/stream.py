@@ -9,15 +9,14 @@ import cv2
 import numpy as np
 from typing_extensions import override
 
-from .capture import Capture, Image, fps_of, refuse_all
+from .capture import Capture, Image, fps_of, refuse_all, size_of
 
 
-def open_stream(url: str, name: str, timeout_s: float) -> NetworkStream:
+def open_stream(url: str, timeout_s: float) -> NetworkStream:
     """Connect to a stream.
 
     Args:
         url: its URL.
-        name: its name in messages, without a password.
         timeout_s: time-out of the connection and of each picture, in real seconds.
 
     Raises:
@@ -29,7 +28,7 @@ def open_stream(url: str, name: str, timeout_s: float) -> NetworkStream:
     if not capture.isOpened():
         capture.release()
         raise OSError(f"no stream that FFmpeg can read answers within {timeout_s:g} s")
-    return NetworkStream(capture, name)
+    return NetworkStream(capture)
 
 
 class NetworkStream(Capture):
@@ -37,14 +36,12 @@ class NetworkStream(Capture):
 
     Args:
         capture: an open `cv2.VideoCapture`.
-        name: its name in messages.
     """
 
     period_s: float | None = None
 
-    def __init__(self, capture: Any, name: str) -> None:
+    def __init__(self, capture: Any) -> None:
         self._capture = capture
-        self._name = name
 
     @override
     def read(self) -> Image:
@@ -59,11 +56,7 @@ class NetworkStream(Capture):
 
     @override
     def adjust(self, wishes: Mapping[str, float]) -> list[str]:
-        size = {
-            "width": self._capture.get(cv2.CAP_PROP_FRAME_WIDTH),
-            "height": self._capture.get(cv2.CAP_PROP_FRAME_HEIGHT),
-        }
-        return refuse_all("stream", {**size, **self.mode()}, wishes)
+        return refuse_all("stream", {**size_of(self._capture), **self.mode()}, wishes)
 
     @override
     def release(self) -> None:

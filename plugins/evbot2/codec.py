@@ -1,7 +1,8 @@
-"""The base class of the wire codecs: it splits a byte stream into messages."""
+"""The wire codecs: they split a byte stream into messages."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Generic, TypeVar
 
 _In = TypeVar("_In")
@@ -12,6 +13,8 @@ class Codec(Generic[_In, _Out]):
     """Decodes incoming messages from pieces of any size, and encodes outgoing ones. Damaged messages are skipped.
 
     Args:
+        encode: returns a message as bytes.
+        decode: returns the message in a piece without its delimiter; None if it is damaged.
         delimiter: the byte that ends a message.
         longest: how many bytes without a delimiter to keep.
         skip_empty: whether an empty message is no error.
@@ -20,12 +23,22 @@ class Codec(Generic[_In, _Out]):
         damaged: the number of skipped messages.
     """
 
-    def __init__(self, delimiter: bytes, longest: int, *, skip_empty: bool) -> None:
+    def __init__(
+        self,
+        encode: Callable[[_Out], bytes],
+        decode: Callable[[bytes], _In | None],
+        delimiter: bytes,
+        longest: int,
+        *,
+        skip_empty: bool,
+    ) -> None:
+        self.encode = encode
+        self.damaged = 0
+        self._decode = decode
         self._delimiter = delimiter
         self._longest = longest
         self._skip_empty = skip_empty
         self._partial = bytearray()
-        self.damaged = 0
 
     def feed(self, data: bytes) -> list[_In]:
         """Take bytes and return the messages that they complete."""
@@ -37,14 +50,6 @@ class Codec(Generic[_In, _Out]):
         self.damaged += len(parsed) - len(found)
         return found
 
-    def encode(self, message: _Out) -> bytes:
-        """Return a message as bytes."""
-        raise NotImplementedError
-
     def reset(self) -> None:
         """Discard an incomplete message."""
         self._partial.clear()
-
-    def _decode(self, piece: bytes) -> _In | None:
-        """Return the message in a piece without its delimiter; None if it is damaged."""
-        raise NotImplementedError

@@ -18,7 +18,7 @@ from eal_actors.plugin import BytePort, PacedEmulator, PluginContext, serve_emul
 
 from .firmware import BaseEmulator, Firmware, any_boot
 from .messages import OrderChannel
-from .protocol import BAUD_RATE, MODEL, BaseLineCodec
+from .protocol import BAUD_RATE, MODEL, base_codec
 from .serving import TICK_S, DeviceTime, FaultyWire, ServedBase
 from .vehicle import FreeVehicle, Vehicle
 from .wheels import WheelController, WheelModel
@@ -36,7 +36,7 @@ def evbot2(vehicle: Vehicle, tick_s: float, boot: int = 1) -> BaseEmulator:
         boot: see Firmware.
     """
     wheels = WheelController(vehicle, TRACKS, tick_s)
-    return BaseEmulator(Firmware(MODEL, TRACKS, {OrderChannel.WHEELS: wheels}, boot), BaseLineCodec())
+    return BaseEmulator(Firmware(MODEL, TRACKS, {OrderChannel.WHEELS: wheels}, boot), base_codec())
 
 
 def simulated_evbot2(vehicle: Any) -> BaseEmulator:

@@ -11,7 +11,7 @@ from eal_actors.plugin import Drivetrain, Field, OdometryNoise, PluginContext, o
 from . import connecting
 from .emulator import TRACKS, simulated_evbot2
 from .messages import OrderChannel
-from .protocol import BAUD_RATE, MODEL, HostLineCodec
+from .protocol import BAUD_RATE, MODEL, host_codec
 
 DRIVETRAIN: Final = Drivetrain(
     "evbot2", TRACKS.track_m, 0.25, TRACKS.max_speed_m_s, 60.0, 120.0, TRACKS.acceleration_m_s2, 0.18
@@ -52,7 +52,7 @@ def connect(context: PluginContext) -> connecting.EvBotPlugin:
         lambda: open_serial(settings.port, baudrate=settings.baudrate, dtr=settings.dtr, rts=settings.rts),
     )
     session, odometer = connecting.start_session(
-        context, port, HostLineCodec(), model=MODEL, channels=(OrderChannel.WHEELS,), noise=NOISE
+        context, port, host_codec(), model=MODEL, channels=(OrderChannel.WHEELS,), noise=NOISE
     )
     return connecting.EvBotPlugin(session, odometer, DRIVETRAIN, "Base", "Odometry", "Pose")
 

@@ -13,8 +13,6 @@ import binascii
 import re
 from typing import Final
 
-from typing_extensions import override
-
 from .codec import Codec
 from .messages import ARGUMENTS, MAX_NUMBER, MAX_NUMBERS, TAGS, BaseReply, BaseRequest, Code, InvalidRequest, Verb
 
@@ -51,8 +49,10 @@ def encode_reply(reply: BaseReply) -> bytes:
     return framed(" ".join(map(str, (reply.tag, reply.verb.name, reply.code.name, *reply.numbers))))
 
 
-def parse_request(body: str) -> BaseRequest | InvalidRequest | None:
-    """Return the request in a body; None if it is invalid."""
+def parse_request(line: bytes) -> BaseRequest | InvalidRequest | None:
+    """Return the request in a line; None if it is invalid."""
+    if (body := _body_of(line)) is None:
+        return None
     tag, lease, word, *words = _pad(body, 3)
     heads, numbers = _parse_numbers([tag, lease], TAGS - 1), _parse_numbers(words, MAX_NUMBER)
     if heads is None or min(heads) < 0:
@@ -65,8 +65,10 @@ def parse_request(body: str) -> BaseRequest | InvalidRequest | None:
     return BaseRequest(verb, heads[0], heads[1], numbers)
 
 
-def parse_reply(body: str) -> BaseReply | None:
-    """Return the reply in a body; None if it is invalid."""
+def parse_reply(line: bytes) -> BaseReply | None:
+    """Return the reply in a line; None if it is invalid."""
+    if (body := _body_of(line)) is None:
+        return None
     tag, verb, code, *words = _pad(body, 3)
     heads, numbers = _parse_numbers([tag], TAGS - 1), _parse_numbers(words, MAX_NUMBER)
     known = verb in Verb.__members__ and code in Code.__members__
@@ -75,42 +77,20 @@ def parse_reply(body: str) -> BaseReply | None:
     return BaseReply(Verb[verb], heads[0], Code[code], numbers)
 
 
+def base_codec() -> Codec[BaseRequest | InvalidRequest, BaseReply]:
+    """Return the codec of a base."""
+    return Codec(encode_reply, parse_request, b"\n", MAX_LINE_BYTES, skip_empty=False)
+
+
+def host_codec() -> Codec[BaseReply, BaseRequest]:
+    """Return the codec of a driver."""
+    return Codec(encode_request, parse_reply, b"\n", MAX_LINE_BYTES, skip_empty=False)
+
+
 def _body_of(line: bytes) -> str | None:
     """Return the body of a line, without the rest of a line before it whose end was lost; None if it is damaged."""
     begin = line.rfind(b"$")
     return unframed(line[begin:]) if begin >= 0 and len(line) - begin < MAX_LINE_BYTES else None
-
-
-class BaseLineCodec(Codec[BaseRequest | InvalidRequest, BaseReply]):
-    """The codec of a base."""
-
-    def __init__(self) -> None:
-        super().__init__(b"\n", MAX_LINE_BYTES, skip_empty=False)
-
-    @override
-    def encode(self, message: BaseReply) -> bytes:
-        return encode_reply(message)
-
-    @override
-    def _decode(self, piece: bytes) -> BaseRequest | InvalidRequest | None:
-        body = _body_of(piece)
-        return parse_request(body) if body is not None else None
-
-
-class HostLineCodec(Codec[BaseReply, BaseRequest]):
-    """The codec of a driver."""
-
-    def __init__(self) -> None:
-        super().__init__(b"\n", MAX_LINE_BYTES, skip_empty=False)
-
-    @override
-    def encode(self, message: BaseRequest) -> bytes:
-        return encode_request(message)
-
-    @override
-    def _decode(self, piece: bytes) -> BaseReply | None:
-        body = _body_of(piece)
-        return parse_reply(body) if body is not None else None
 
 
 def _pad(body: str, count: int) -> list[str]:

@@ -28,7 +28,7 @@ from ..evbot2.vehicle import FreeVehicle
 from ..evbot2.wheels import Actuator, WheelController, WheelModel
 from ..roomba.bodies import ConstantBattery
 from .firmware import TurretController, TurretServo, TurretVehicle, senses
-from .protocol import MODEL, BaseFrameCodec
+from .protocol import MODEL, base_codec
 
 WHEELS: Final = WheelModel(track_m=0.30, step_m=0.0002, max_speed_m_s=0.6, acceleration_m_s2=0.8)
 """The wheels of an EvBot III."""
@@ -53,7 +53,7 @@ def evbot3(vehicle: TurretVehicle, tick_s: float, boot: int = 1) -> BaseEmulator
         OrderChannel.WHEELS: WheelController(vehicle, WHEELS, tick_s),
         OrderChannel.TURRET: TurretController(vehicle.turret),
     }
-    return BaseEmulator(Firmware(MODEL, WHEELS, actuators, boot, lambda: senses(vehicle)), BaseFrameCodec())
+    return BaseEmulator(Firmware(MODEL, WHEELS, actuators, boot, lambda: senses(vehicle)), base_codec())
 
 
 def simulated_evbot3(vehicle: Any) -> BaseEmulator:

@@ -8,6 +8,8 @@ from typing import Any, Final, Protocol
 
 from typing_extensions import override
 
+from eal_actors.plugin import wrapped_rad
+
 from ..evbot2.messages import Code, State, Verb
 from ..evbot2.vehicle import Vehicle
 from ..evbot2.wheels import Actuator
@@ -75,7 +77,7 @@ class TurretController(Actuator):
         if not in_range or not MIN_TURRET_RATE_RAD_S <= rate_rad_s <= MAX_TURRET_RATE_RAD_S + 1 / _U:
             return Code.RANGE
         if verb is Verb.AIM:
-            angle_rad = wrap_rad(angle_rad - self._servo.yaw_rad)
+            angle_rad = wrapped_rad(angle_rad - self._servo.yaw_rad)
         self._order, self._state = tag, State.MOVING
         self._servo.turn(angle_rad, rate_rad_s)
         return Code.OK
@@ -93,7 +95,7 @@ class TurretController(Actuator):
 
     @override
     def status(self) -> TurretStatus:
-        return TurretStatus(self._order, self._state, round(wrap_rad(self._servo.yaw_rad) * _U))
+        return TurretStatus(self._order, self._state, round(wrapped_rad(self._servo.yaw_rad) * _U))
 
 
 def senses(vehicle: TurretVehicle) -> SenseStatus:
@@ -102,8 +104,3 @@ def senses(vehicle: TurretVehicle) -> SenseStatus:
     battery = vehicle.battery()
     figures = (battery.voltage_v, battery.current_a, battery.charge_ah, battery.capacity_ah, battery.temperature_c)
     return SenseStatus(left + 2 * right, *(max(-_MOST, min(_MOST, round(figure * 1000))) for figure in figures))
-
-
-def wrap_rad(angle_rad: float) -> float:
-    """Return the same direction in (-pi, pi]."""
-    return math.pi - (math.pi - angle_rad) % math.tau

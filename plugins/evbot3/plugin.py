@@ -14,7 +14,7 @@ from eal_actors.plugin import BytePort, Drivetrain, Field, OdometryNoise, Plugin
 from ..evbot2 import connecting
 from ..evbot2.messages import OrderChannel
 from .emulator import WHEELS, simulated_evbot3
-from .protocol import MODEL, HostFrameCodec
+from .protocol import MODEL, host_codec
 from .sensors import Battery, Bump, BumperBase
 from .turret import Turret
 
@@ -73,7 +73,7 @@ def connect(context: PluginContext) -> connecting.EvBotPlugin:
     address = settings.address
     port = connecting.open_base_port(context, address, DRIVETRAIN.name, simulated_evbot3, lambda: _open(address))
     channels = (OrderChannel.WHEELS, OrderChannel.TURRET)
-    codec = HostFrameCodec()
+    codec = host_codec()
     session, odometer = connecting.start_session(context, port, codec, model=MODEL, channels=channels, noise=NOISE)
     return connecting.EvBotPlugin(
         session, odometer, DRIVETRAIN, "Base", "Odometry", "Pose", "Turret", "Bump", "Battery"

@@ -15,8 +15,6 @@ import struct
 import zlib
 from typing import Final
 
-from typing_extensions import override
-
 from ..evbot2.codec import Codec
 from ..evbot2.messages import ARGUMENTS, MAX_NUMBERS, BaseReply, BaseRequest, Code, InvalidRequest, Verb
 
@@ -117,31 +115,11 @@ def parse_reply(body: bytes) -> BaseReply | None:
     return BaseReply(_VERBS[verb], tag, _CODES[code], numbers)
 
 
-class BaseFrameCodec(Codec[BaseRequest | InvalidRequest, BaseReply]):
-    """The codec of a base."""
-
-    def __init__(self) -> None:
-        super().__init__(b"\0", _LONGEST_PARTIAL, skip_empty=True)
-
-    @override
-    def encode(self, message: BaseReply) -> bytes:
-        return encode_reply(message)
-
-    @override
-    def _decode(self, piece: bytes) -> BaseRequest | InvalidRequest | None:
-        return parse_request(piece)
+def base_codec() -> Codec[BaseRequest | InvalidRequest, BaseReply]:
+    """Return the codec of a base."""
+    return Codec(encode_reply, parse_request, b"\0", _LONGEST_PARTIAL, skip_empty=True)
 
 
-class HostFrameCodec(Codec[BaseReply, BaseRequest]):
-    """The codec of a driver."""
-
-    def __init__(self) -> None:
-        super().__init__(b"\0", _LONGEST_PARTIAL, skip_empty=True)
-
-    @override
-    def encode(self, message: BaseRequest) -> bytes:
-        return encode_request(message)
-
-    @override
-    def _decode(self, piece: bytes) -> BaseReply | None:
-        return parse_reply(piece)
+def host_codec() -> Codec[BaseReply, BaseRequest]:
+    """Return the codec of a driver."""
+    return Codec(encode_request, parse_reply, b"\0", _LONGEST_PARTIAL, skip_empty=True)

@@ -10,7 +10,6 @@ from typing_extensions import override
 from eal_actors.plugin import (
     Activity,
     ArgumentError,
-    Clock,
     DataType,
     Resource,
     ResourceFaultError,
@@ -77,10 +76,9 @@ class Autopilot(Resource):
     types = ResourceType.SENSOR | ResourceType.ACTUATOR
     value = ValueInfo(DataType.CHAR, description="the mode's name, such as GUIDED or OFFBOARD")
 
-    def __init__(self, link: MavLink, settings: Settings, clock: Clock) -> None:
+    def __init__(self, link: MavLink, settings: Settings) -> None:
         self._link = link
         self._settings = settings
-        self._clock = clock
 
     @override
     def not_ready(self) -> str | None:

@@ -87,12 +87,11 @@ class Base(VelocityBase):
 
     @override
     def go_to(self, goal: Any) -> Activity:
-        numbers = self.goal_numbers(goal)
+        x_m, y_m, yaw_rad = self.goal_numbers(goal)
         here = self._link.reading()
-        path = [(here.x_m, here.y_m), (numbers[0], numbers[1])]
+        path = [(here.x_m, here.y_m), (x_m, y_m)]
         self._check_way(*path)
-        yaw_rad = numbers[2] if len(numbers) > 2 else None
-        return self._guided(self.along(path, yaw_rad, self._fly_to(numbers[0], numbers[1], yaw_rad)))
+        return self._guided(self.along(path, yaw_rad, self._fly_to(x_m, y_m, yaw_rad)))
 
     @override
     def follow_path(self, path: Any) -> Activity:

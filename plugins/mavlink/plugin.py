@@ -24,7 +24,7 @@ class MavlinkPlugin(FactoryPlugin):
                 "Pose": lambda: PoseResource(context.localizer, context.clock),
                 "Altitude": lambda: Altitude(link),
                 "Battery": lambda: Battery(link),
-                "Autopilot": lambda: Autopilot(link, context.settings, context.clock),
+                "Autopilot": lambda: Autopilot(link, context.settings),
             }
         )
         self.link = link

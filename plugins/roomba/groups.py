@@ -42,11 +42,6 @@ class Contacts:
     dirt_right: int = 0
 
     @property
-    def any_bump(self) -> bool:
-        """Whether any bumper is pressed."""
-        return self.bump_left or self.bump_right
-
-    @property
     def any_drop(self) -> bool:
         """Whether any wheel has dropped."""
         return self.drop_left or self.drop_right or self.drop_caster

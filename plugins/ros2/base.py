@@ -64,11 +64,10 @@ class Base(VelocityBase):
     def go_to(self, goal: Any) -> Activity:
         if self._navigator is None:
             return super().go_to(goal)
-        numbers = self.goal_numbers(goal)
-        if len(numbers) == 2:  # NavigateToPose has no free heading: arrive as the robot comes
-            here = self._odometer.read()
-            numbers.append(here.yaw_rad)
-        return self._navigator.go_to(numbers[0], numbers[1], numbers[2], self.progress)
+        x_m, y_m, yaw_rad = self.goal_numbers(goal)
+        if yaw_rad is None:  # NavigateToPose has no free heading: arrive as the robot comes
+            yaw_rad = self._odometer.read().yaw_rad
+        return self._navigator.go_to(x_m, y_m, yaw_rad, self.progress)
 
     @override
     def read_odometry(self) -> RosOdometryReading:

@@ -66,7 +66,7 @@ def open_bridge(fleet: Fleet, settings: BridgeSettings) -> Iterator[str]:
     """
     types = MessageTypes(settings.distribution)
     config = None if settings.zenoh_config is None else Path(settings.zenoh_config)
-    session = RosSession(settings.router, settings.domain, fleet.clock, config)
+    session = RosSession(settings.router, settings.domain, config)
     try:
         steps: list[SubscribedFeed | VelocityFollower] = []
         specs = []

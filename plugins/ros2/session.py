@@ -25,7 +25,7 @@ from typing import Any, Final
 import zenoh
 from zenoh import handlers
 
-from eal_actors.plugin import Clock, PluginError, UnavailableError, get_logger
+from eal_actors.plugin import PluginError, UnavailableError, get_logger
 
 from . import graph
 from .endpoints import RosClient, RosPublisher, RosService, RosSubscription
@@ -44,17 +44,15 @@ class RosSession:
     Args:
         endpoint: of the router, such as `tcp/127.0.0.1:7447`.
         domain: the ROS domain.
-        clock: the fleet's clock.
         config: a zenoh configuration file, for certificates; its endpoints are replaced.
 
     Raises:
         PluginError: the configuration file is no zenoh configuration.
     """
 
-    def __init__(self, endpoint: str, domain: int, clock: Clock, config: Path | None = None) -> None:
+    def __init__(self, endpoint: str, domain: int, config: Path | None = None) -> None:
         self.endpoint: Final = endpoint
         self.domain: Final = domain
-        self._clock = clock
         self._config = _configuration(endpoint, config)
         self._lock = threading.RLock()
         self._session: zenoh.Session | None = None

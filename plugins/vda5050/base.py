@@ -75,8 +75,7 @@ class Base(DifferentialBase):
 
     @override
     def go_to(self, goal: Any) -> Activity:
-        numbers = self.goal_numbers(goal)
-        return self._go_along([(numbers[0], numbers[1], numbers[2] if len(numbers) > 2 else None)])
+        return self._go_along([self.goal_numbers(goal)])
 
     @override
     def follow_path(self, path: Any) -> Activity:

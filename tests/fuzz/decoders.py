@@ -114,17 +114,17 @@ def _oi_stream(data: bytes) -> None:
 
 
 def _evbot2(data: bytes) -> None:
-    _same_in_pieces(data, lambda: evbot2_protocol.BaseLineCodec().feed)
-    for reply in _same_in_pieces(data, lambda: evbot2_protocol.HostLineCodec().feed):
-        if evbot2_protocol.HostLineCodec().feed(evbot2_protocol.encode_reply(reply)) != [reply]:
+    _same_in_pieces(data, lambda: evbot2_protocol.base_codec().feed)
+    for reply in _same_in_pieces(data, lambda: evbot2_protocol.host_codec().feed):
+        if evbot2_protocol.host_codec().feed(evbot2_protocol.encode_reply(reply)) != [reply]:
             raise AssertionError(f"{reply} is not what it was")
     _obeys(data, lambda: evbot2(free_vehicle(lambda: 0.0), _TICK_S).feed)
 
 
 def _evbot3(data: bytes) -> None:
-    _same_in_pieces(data, lambda: evbot3_protocol.BaseFrameCodec().feed)
-    for reply in _same_in_pieces(data, lambda: evbot3_protocol.HostFrameCodec().feed):
-        if evbot3_protocol.HostFrameCodec().feed(evbot3_protocol.encode_reply(reply)) != [reply]:
+    _same_in_pieces(data, lambda: evbot3_protocol.base_codec().feed)
+    for reply in _same_in_pieces(data, lambda: evbot3_protocol.host_codec().feed):
+        if evbot3_protocol.host_codec().feed(evbot3_protocol.encode_reply(reply)) != [reply]:
             raise AssertionError(f"{reply} is not what it was")
     _obeys(data, lambda: evbot3(FreeTurretVehicle(lambda: 0.0), _TICK_S).feed)
 

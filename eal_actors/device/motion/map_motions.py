@@ -82,19 +82,19 @@ class MapMotions(Resource, ABC):
             ArgumentError: the goal is no [x_m, y_m] or [x_m, y_m, yaw_rad] of finite numbers, or too far away.
             UnsupportedError: the driver estimates no pose.
         """
-        numbers = self.goal_numbers(goal)
-        return self._drive([(numbers[0], numbers[1])], numbers[2] if len(numbers) > 2 else None)
+        x_m, y_m, yaw_rad = self.goal_numbers(goal)
+        return self._drive([(x_m, y_m)], yaw_rad)
 
     @staticmethod
-    def goal_numbers(goal: Any) -> list[float]:
-        """Return the two or three numbers of a goal.
+    def goal_numbers(goal: Any) -> tuple[float, float, float | None]:
+        """Return x, y and yaw of a goal; None for any heading.
 
         Raises ArgumentError if the goal is no [x_m, y_m] or [x_m, y_m, yaw_rad] of finite numbers.
         """
         numbers = [float(number) for number in goal]
         if len(numbers) not in (2, 3) or not all(map(math.isfinite, numbers)):
             raise ArgumentError(f"goto needs finite numbers x_m, y_m and perhaps yaw_rad, not {numbers}")
-        return numbers
+        return numbers[0], numbers[1], numbers[2] if len(numbers) > 2 else None
 
     @command("follow", _PATH, repeatable=True)
     def follow_path(self, path: Any) -> Activity:

@@ -248,7 +248,7 @@ def test_a_host_that_does_not_answer_is_not_ready_and_holds_nobody_up() -> None:
         url = server.url
         server.stall(stalled=True)
         with pytest.raises(OSError, match=r"no stream that FFmpeg can read answers within 0\.1 s"):
-            open_stream(url, url, 0.1)
+            open_stream(url, 0.1)
         with camera_on({"source": url, "timeout_s": 0.1}) as camera, pytest.raises(NotReadyError):
             run(camera.get_value())
 

@@ -13,7 +13,7 @@ from plugins.evbot2.connecting import start_session
 from plugins.evbot2.emulator import evbot2, free_vehicle
 from plugins.evbot2.firmware import BaseEmulator
 from plugins.evbot2.messages import BaseRequest, OrderChannel
-from plugins.evbot2.protocol import MODEL, BaseLineCodec, HostLineCodec
+from plugins.evbot2.protocol import MODEL, base_codec, host_codec
 from plugins.evbot2.serving import FaultyWire
 from plugins.evbot2.vehicle import FreeVehicle
 from tests.due_activities import DueActivities
@@ -119,7 +119,7 @@ class Rig:
         return evbot2(self.body, TICK_S, next(self.boots))
 
     def make_session(self) -> Any:
-        codec, channels = HostLineCodec(), (OrderChannel.WHEELS,)
+        codec, channels = host_codec(), (OrderChannel.WHEELS,)
         return start_session(
             self.context, self.reopening, codec, model=MODEL, channels=channels, noise=OdometryNoise(0.24)
         )
@@ -205,6 +205,6 @@ class Rig:
 
 def sent_verbs(rig: Rig) -> list[str]:
     """Return the verbs that were sent since the last call."""
-    requests = [request for request in BaseLineCodec().feed(bytes(rig.port.sent)) if isinstance(request, BaseRequest)]
+    requests = [request for request in base_codec().feed(bytes(rig.port.sent)) if isinstance(request, BaseRequest)]
     rig.port.sent.clear()
     return [request.verb.name for request in requests]

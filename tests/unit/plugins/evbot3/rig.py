@@ -10,7 +10,7 @@ from plugins.evbot2.firmware import BaseEmulator
 from plugins.evbot2.messages import OrderChannel
 from plugins.evbot3 import plugin as evbot3_plugin
 from plugins.evbot3.emulator import FreeTurretVehicle, evbot3
-from plugins.evbot3.protocol import MODEL, HostFrameCodec
+from plugins.evbot3.protocol import MODEL, host_codec
 from plugins.evbot3.turret import Turret
 from tests.unit.plugins.evbot2.rig import TICK_S, Rig
 
@@ -33,7 +33,7 @@ class Rig3(Rig):
     def make_session(self) -> Any:
         channels = (OrderChannel.WHEELS, OrderChannel.TURRET)
         return start_session(
-            self.context, self.reopening, HostFrameCodec(), model=MODEL, channels=channels, noise=OdometryNoise(0.30)
+            self.context, self.reopening, host_codec(), model=MODEL, channels=channels, noise=OdometryNoise(0.30)
         )
 
     def turn(self, *commands: str) -> None:

@@ -13,7 +13,7 @@ from plugins.evbot2.messages import BaseRequest, State, Verb
 from plugins.evbot2.serving import FaultyWire
 from plugins.evbot2.wheels import WheelController
 from plugins.evbot3.firmware import TurretController
-from plugins.evbot3.protocol import BaseFrameCodec, encode_request
+from plugins.evbot3.protocol import base_codec, encode_request
 from plugins.evbot3.sensors import Battery, Bump
 from tests.unit.plugins.evbot3.rig import Rig3
 
@@ -188,7 +188,7 @@ def test_what_was_held_back_for_long_moves_nothing() -> None:
     rig.wait(5.0)
     rig.turn("l90")
     stands = rig.body.pose
-    assert any(request.verb is Verb.MOVE for request in BaseFrameCodec().feed(old) if isinstance(request, BaseRequest))
+    assert any(request.verb is Verb.MOVE for request in base_codec().feed(old) if isinstance(request, BaseRequest))
     rig.port.deliver(old)
     rig.wait(2.0)
     assert rig.body.pose == stands

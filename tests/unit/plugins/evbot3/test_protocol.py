@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from plugins.evbot2.messages import BaseReply, BaseRequest, Code, InvalidRequest, Verb
-from plugins.evbot3.protocol import BaseFrameCodec, HostFrameCodec, stuffed, unstuffed
+from plugins.evbot3.protocol import base_codec, host_codec, stuffed, unstuffed
 from tests.unit.plugins.evbot2.streams import assert_survives, damaged, replies, requests
 
 REQUESTS = [
@@ -30,14 +30,14 @@ REPLY = ("00 05 e3 02 02 01 02 09 01 05 80 9b 5f f6 00", BaseReply(Verb.STAT, 9,
 
 @pytest.mark.parametrize(("frame", "request_"), REQUESTS)
 def test_a_request_is_this_frame(frame: str, request_: BaseRequest) -> None:
-    assert HostFrameCodec().encode(request_).hex(" ") == frame
-    assert BaseFrameCodec().feed(bytes.fromhex(frame)) == [request_]
+    assert host_codec().encode(request_).hex(" ") == frame
+    assert base_codec().feed(bytes.fromhex(frame)) == [request_]
 
 
 def test_a_reply_is_this_frame() -> None:
     frame, reply = REPLY
-    assert BaseFrameCodec().encode(reply).hex(" ") == frame
-    assert HostFrameCodec().feed(bytes.fromhex(frame)) == [reply]
+    assert base_codec().encode(reply).hex(" ") == frame
+    assert host_codec().feed(bytes.fromhex(frame)) == [reply]
 
 
 @pytest.mark.parametrize(
@@ -79,17 +79,17 @@ def made(kind: int, verb: int, code: int, tag: int, lease: int, *numbers: int, m
     ],
 )
 def test_requests_without_sense(frame: bytes, found: list[InvalidRequest]) -> None:
-    assert BaseFrameCodec().feed(frame) == found
+    assert base_codec().feed(frame) == found
 
 
 @pytest.mark.parametrize("frame", [made(2, 99, 0, 7, 0), made(2, 2, 99, 7, 0), made(1, 2, 0, 7, 0)])
 def test_replies_without_sense_are_passed_over(frame: bytes) -> None:
-    assert HostFrameCodec().feed(frame) == []
+    assert host_codec().feed(frame) == []
 
 
 @given(st.binary(max_size=400), st.binary(max_size=400))
 def test_any_bytes_do_no_harm_and_the_next_frame_is_understood(noise: bytes, more: bytes) -> None:
-    base, host = BaseFrameCodec(), HostFrameCodec()
+    base, host = base_codec(), host_codec()
     for codec in (base, host):
         codec.feed(noise)
         codec.feed(more)
@@ -99,22 +99,22 @@ def test_any_bytes_do_no_harm_and_the_next_frame_is_understood(noise: bytes, mor
 
 @given(st.lists(requests(), max_size=5), st.data())
 def test_requests_survive_the_wire_however_it_cuts_them(sent: list[BaseRequest], data: st.DataObject) -> None:
-    assert_survives(sent, HostFrameCodec(), BaseFrameCodec(), data)
+    assert_survives(sent, host_codec(), base_codec(), data)
 
 
 @given(st.lists(replies(24), max_size=5), st.data())
 def test_replies_survive_the_wire_however_it_cuts_them(sent: list[BaseReply], data: st.DataObject) -> None:
-    assert_survives(sent, BaseFrameCodec(), HostFrameCodec(), data)
+    assert_survives(sent, base_codec(), host_codec(), data)
 
 
 @given(requests(), st.data())
 def test_a_changed_byte_never_makes_another_request(request_: BaseRequest, data: st.DataObject) -> None:
-    received = damaged(HostFrameCodec().encode(request_), data) + b"\0"
-    assert [got for got in BaseFrameCodec().feed(received) if got != request_] == []
+    received = damaged(host_codec().encode(request_), data) + b"\0"
+    assert [got for got in base_codec().feed(received) if got != request_] == []
 
 
 def test_bytes_without_an_end_are_not_kept() -> None:
-    codec = BaseFrameCodec()
+    codec = base_codec()
     for _ in range(100):
         assert codec.feed(b"\1" * 10_000) == []
     assert len(codec._partial) < 1000

@@ -230,7 +230,8 @@ def test_noise_on_the_line_costs_a_frame_and_no_more() -> None:
         rig.port.arrive(noise)
         rig.wait(0.5)
         assert rig.clock.now() - rig.roomba.latest().stamp_s < 0.1
-    assert not rig.roomba.latest().contacts.any_bump
+    contacts = rig.roomba.latest().contacts
+    assert (contacts.bump_left, contacts.bump_right) == (False, False)
 
 
 def test_released_it_stands_in_passive_mode_and_streams_no_more() -> None:

@@ -109,7 +109,8 @@ def test_noise_on_the_line_costs_a_reading_and_no_more() -> None:
     rig.port.is_cut = False
     rig.wait(0.4)
     assert rig.clock.now() - rig.roomba.latest().stamp_s < 0.06
-    assert not rig.roomba.latest().contacts.any_bump
+    contacts = rig.roomba.latest().contacts
+    assert (contacts.bump_left, contacts.bump_right) == (False, False)
 
 
 def test_a_port_that_breaks_is_named() -> None:

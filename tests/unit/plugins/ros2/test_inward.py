@@ -15,7 +15,6 @@ import pytest
 
 from eal_actors import Fleet
 from eal_actors.actors.robot_view import RobotState
-from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import BlockedError, EALError, NotReadyError, UnavailableError
 from plugins.ros2.message_types import MessageTypes
 from plugins.ros2.session import RosSession
@@ -224,7 +223,7 @@ def nav2(peer: Ros2Peer, *, accepts: bool, status: int, holds: bool = False) -> 
         cancelled.set()
         return {}
 
-    first, second = (RosSession(peer.endpoint, 0, REAL_TIME) for _ in range(2))  # a held answer must not hold up both
+    first, second = (RosSession(peer.endpoint, 0) for _ in range(2))  # a held answer must not hold up both
     try:
         node = first.node("/nav", "bt_navigator")
         node.service(f"{NAV2}/_action/send_goal", action.send_goal, send_goal)
