@@ -181,6 +181,8 @@ class Call(Future[T]):
     @override
     def _deadline_error(self) -> EALError:
         message = f"{self.text()} had no answer within its {self.timeout_s:g} s"
+        if (real_s := self.timeout_s / self.clock.of_real(1.0)) < self.timeout_s:
+            message += f", {real_s:g} s of real time"
         if self.cell.actor is None:
             message += f": {self.cell.error.message}"
         return DeadlineError(message).at(self.cell.robot, self.cell.name)
