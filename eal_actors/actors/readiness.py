@@ -34,7 +34,7 @@ class ReadinessActor(ActivityActor):
         self.actor_inbox.call_later(READINESS_PERIOD_S, self._watch_readiness)
 
     def _check_readiness(self) -> str | None:
-        """Return why the device is not ready, or None; log and report a change once. Carry out a halt that is due."""
+        """Return why the device is not ready, or None; report a change once. Carry out a halt that is due."""
         before, reason = self._not_ready, self.opened.not_ready()
         reason = None if reason is None else str(reason)
         self._not_ready = reason
@@ -42,10 +42,6 @@ class ReadinessActor(ActivityActor):
             self._log.info("halting now, as requested while it was not ready")
             self.cell.owes_halt = False
             self.cell.owes_halt = not self.guarded(self.opened.halt) or self.cell.owes_halt
-        if reason is not None and before is None:
-            self._log.warning("not ready", reason=reason)
-        elif reason is None and before is not None:
-            self._log.info("ready again")
         if reason != before:
             self.on_readiness(reason)
         return reason

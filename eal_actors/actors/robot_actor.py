@@ -156,7 +156,7 @@ class RobotActor(EALActor, RobotConnection):
             return
         del self._children[name]
         actor.cell.actor = actor.cell.serve_now = actor.cell.read_now = None
-        self.view.note_readiness(name, None)  # it is worse than not ready: calls fail with the reason
+        self.view.not_ready.pop(name, None)  # it is worse than not ready: calls fail with the reason
         if self._stopping:
             if not self._children:
                 self._stop()

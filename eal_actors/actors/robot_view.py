@@ -217,11 +217,17 @@ class RobotView:
             get_logger(robot=self.name).exception("a callback of the robot's state raised")
 
     def note_readiness(self, name: str, reason: str | None) -> None:
-        """Record why a resource is not ready; None if it is. Thread: any."""
-        if reason is None:
-            self.not_ready.pop(name, None)
-        else:
-            self.not_ready[name] = reason
+        """Record why a resource is not ready; None if it is. Log it. Thread: any."""
+        with self._lock:
+            before = self.not_ready.pop(name, None)
+            is_known = reason in self.not_ready.values()  # a port has many resources: it is logged once
+            if reason is not None:
+                self.not_ready[name] = reason
+        log = get_logger(robot=self.name, resource=name)
+        if reason is None and before is not None:
+            log.info("ready again")
+        elif reason is not None and before is None and not is_known:
+            log.warning("not ready", reason=reason)
 
 
 class StateFuture(Future[RobotState]):

@@ -8,6 +8,7 @@ from eal_actors.actors.future import Future
 from eal_actors.device.data import DataType
 from eal_actors.device.info import ResourceType, ValueInfo
 from eal_actors.device.resource import Activity, Resource, command, config, config_setter, request
+from eal_actors.kernel.clock import ScaledClock
 from eal_actors.kernel.errors import DeadlineError, ReturnTypeError, UnavailableError
 from tests.manual_clock import ManualClock
 from tests.robots import running_robot
@@ -147,3 +148,9 @@ def test_a_status_that_no_message_can_carry_fails_its_command_at_once(status: ob
             with pytest.raises(ReturnTypeError, match=f"send_cmd '{name}' returned .* where a status int") as caught:
                 robot["Odd"].send_cmd(name).get(timeout=5)
             assert len(str(caught.value)) < 300
+
+
+def test_the_deadline_of_a_fast_clock_is_named_in_real_time_too() -> None:
+    with running_robot({"Tank": Tank}, clock=ScaledClock(100.0)) as robot:
+        error = robot["Tank"].get_value(timeout_s=2.0).exception()
+        assert str(error) == "robot/Tank: get_value had no answer within its 2 s, 0.02 s of real time"

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import io
+import json
 import threading
 from collections.abc import Iterator
+from functools import partial
 
 import pytest
 
@@ -204,6 +206,16 @@ def test_a_robot_says_which_resources_are_not_ready_and_why(motor: Motor, log: i
     said = [line for line in log.getvalue().splitlines() if "ready" in line]
     assert [('"not ready"' in line, '"ready again"' in line) for line in said] == [(True, False), (False, True)]
     assert '"reason": "away"' in said[0]
+
+
+def test_a_reason_of_many_resources_is_logged_once(log: io.StringIO) -> None:
+    motors = [Motor() for _ in range(4)]
+    for motor, reason in zip(motors, ["no port", "no port", "no port", "no camera"], strict=True):
+        motor.reason = reason
+    with running_robot({f"Motor{n}": partial(motors.__getitem__, n) for n in range(4)}) as robot:
+        assert len(robot.not_ready) == 4
+    said = [json.loads(line) for line in log.getvalue().splitlines() if '"not ready"' in line]
+    assert sorted(line["reason"] for line in said) == ["no camera", "no port"]
 
 
 def test_a_bug_in_it_fails_the_call_and_is_named(motor: Motor) -> None:

@@ -330,12 +330,6 @@ def test_deadline_and_cancellation_name_robot_and_resource() -> None:
         assert str(error) == "robot/Motor: send_cmd 'drive' had no answer within its 2 s"
 
 
-def test_the_deadline_of_a_fast_clock_is_named_in_real_time_too() -> None:
-    with running_robot({"Motor": Motor}, clock=ScaledClock(100.0)) as robot:
-        error = robot["Motor"].send_cmd("drive", timeout_s=2.0).exception()
-        assert str(error) == "robot/Motor: send_cmd 'drive' had no answer within its 2 s, 0.02 s of real time"
-
-
 def test_a_gather_of_what_is_over_and_what_is_not_keeps_its_deadline() -> None:
     clock = ManualClock()
     with running_robot({"Motor": Motor}, clock=clock) as robot:
