@@ -108,11 +108,13 @@ class _EalProgram(EalCommandGroup):
         self.commands = _Commands()  # type: ignore[assignment]  # nothing is added
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Load the command; from here on garbage is collected, which `eal_actors.__main__` has disabled."""
+        """Load the command; from here on garbage is collected and signals raise, unlike since `eal_actors.__main__`."""
         try:
             return super().resolve_command(ctx, args)
         finally:
-            gc.enable()
+            if not gc.isenabled():
+                gc.enable()
+                handle_signals()
 
     def invoke(self, ctx: Any) -> Any:
         words = [*getattr(ctx, "_protected_args", ()), *ctx.args]
@@ -167,6 +169,5 @@ def _global_options(
 
 def main() -> None:
     """Run the program and exit."""
-    handle_signals()
     with failsafe_output():
         app(prog_name="eal")

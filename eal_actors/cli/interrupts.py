@@ -29,7 +29,9 @@ _HANGUPS: Final = tuple(number for number in signal.valid_signals() if getattr(n
 
 
 def handle_signals() -> None:
-    """Make SIGTERM and SIGHUP raise KeyboardInterrupt, so that every `finally` stops its motors."""
+    """Make SIGINT, SIGTERM and SIGHUP raise KeyboardInterrupt, so that every `finally` stops its motors."""
+    if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     for number in (signal.SIGTERM, *_handled_hangups()):
         signal.signal(number, _interrupt)
 

@@ -269,10 +269,24 @@ def test_closed_standard_streams_stop_no_run(start: Start, slides: Path, move: P
     assert summary(slides.parent / "runs")["outcome"] == "done"
 
 
-def test_ctrl_c_while_the_program_loads_ends_it_without_a_word(tmp_path: Path) -> None:
-    (tmp_path / "typer.py").write_text("import _thread\n_thread.interrupt_main()\n", encoding="utf-8")
+LOADING = """
+import _thread
+class Field:
+    def __set_name__(self, owner, name):
+        _thread.interrupt_main()
+class Fields:
+    field = Field()
+"""
+"""A KeyboardInterrupt there comes out as RuntimeError before Python 3.12."""
+
+
+@pytest.mark.parametrize(("module", "arguments"), [("typer", ["--version"]), ("simpleeval", ["run", "dance"])])
+def test_ctrl_c_while_the_program_loads_ends_it_without_a_word(
+    tmp_path: Path, module: str, arguments: list[str]
+) -> None:
+    (tmp_path / f"{module}.py").write_text(LOADING, encoding="utf-8")
     environment = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{bundled_path('.')}"}
-    command = [sys.executable, "-m", "eal_actors", "--version"]
+    command = [sys.executable, "-m", "eal_actors", *arguments]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
 
