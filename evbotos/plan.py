@@ -13,19 +13,19 @@ from evbotos.lock import Lock, asked_by
 from evbotos.model import Image, Kernel, PackagedKernel, Platform
 
 
-def layers_of(image: Image, rootfs: Path = ROOTFS) -> list[Path]:
+def layers_of(image: Image) -> list[Path]:
     """Return the folders to copy onto the root, in order: base, further files, services."""
     return [
-        rootfs / "base",
-        *(rootfs / name for name in image.files),
-        *(rootfs / "services" / name for name in image.services),
+        ROOTFS / "base",
+        *(ROOTFS / name for name in image.files),
+        *(ROOTFS / "services" / name for name in image.services),
     ]
 
 
-def files_of(image: Image, rootfs: Path = ROOTFS) -> list[str]:
+def files_of(image: Image) -> list[str]:
     """Return the paths of the files that are copied onto the root."""
     names = set()
-    for layer in layers_of(image, rootfs):
+    for layer in layers_of(image):
         for path in layer.rglob("*"):
             if (path.is_file() or path.is_symlink()) and "__pycache__" not in path.parts:
                 names.add(path.relative_to(layer).as_posix())

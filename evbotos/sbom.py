@@ -67,24 +67,24 @@ def _licences(origin: Origin | None) -> list[DisjunctiveLicense] | list[LicenseE
 
 def _debian(package: LockedPackage, origin: Origin | None, place: Mapping[str, str]) -> Component:
     upstream = {} if origin is None else {"upstream": "@".join(filter(None, (origin.source, origin.source_version)))}
-    return Component(
-        name=package.name,
-        version=package.version,
-        type=ComponentType.LIBRARY,
-        hashes=[HashType(alg=HashAlgorithm.SHA_256, content=package.sha256)],
-        purl=PackageURL("deb", "debian", package.name, package.version, {**place, **upstream}),
-        licenses=_licences(origin),
-        bom_ref=f"deb/{package.name}",
-    )
+    url = PackageURL("deb", "debian", package.name, package.version, {**place, **upstream})
+    return _component(package, url, origin, f"deb/{package.name}")
 
 
 def _wheel(wheel: LockedWheel | LockedSource, origin: Origin | None) -> Component:
+    url = PackageURL("pypi", None, wheel.name, wheel.version, {"file_name": quote(wheel.file)})
+    return _component(wheel, url, origin, f"pypi/{wheel.name}")
+
+
+def _component(
+    part: LockedPackage | LockedWheel | LockedSource, url: PackageURL, origin: Origin | None, reference: str
+) -> Component:
     return Component(
-        name=wheel.name,
-        version=wheel.version,
+        name=part.name,
+        version=part.version,
         type=ComponentType.LIBRARY,
-        hashes=[HashType(alg=HashAlgorithm.SHA_256, content=wheel.sha256)],
-        purl=PackageURL("pypi", None, wheel.name, wheel.version, {"file_name": quote(wheel.file)}),
+        hashes=[HashType(alg=HashAlgorithm.SHA_256, content=part.sha256)],
+        purl=url,
         licenses=_licences(origin),
-        bom_ref=f"pypi/{wheel.name}",
+        bom_ref=reference,
     )

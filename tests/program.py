@@ -1,7 +1,10 @@
 """The program `eal` in processes of its own."""
 
+import os
+import pty
 import subprocess
 import sys
+import termios
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -38,3 +41,15 @@ def eal_processes(folder: Path) -> Iterator[Callable[..., "subprocess.Popen[str]
             for pipe in (process.stdout, process.stderr):
                 if pipe is not None:
                     pipe.close()
+
+
+@contextmanager
+def paused_terminal() -> Iterator[int]:
+    """Yield a terminal that is paused, as by Ctrl-S."""
+    ends = pty.openpty()
+    try:
+        termios.tcflow(ends[1], termios.TCOOFF)
+        yield ends[1]
+    finally:
+        for end in ends:
+            os.close(end)

@@ -37,12 +37,12 @@ LARGE: Final = Limits(8_000_000, 200_000, 128)
 """For files of ten thousand steps; a greater depth would overflow the stack of recursive code."""
 
 
-def load_yaml(path: str | Path, *, environment: Mapping[str, str] | None = None, limits: Limits = USUAL) -> YamlTree:
+def load_yaml(path: str | Path, *, environment: Mapping[str, str] | None = None) -> YamlTree:
     """Read a YAML file whose top level is a mapping; problems name it as it is given. See `parse_yaml`.
 
     Raises ConfigError with every problem of the file.
     """
-    return parse_yaml(read_file(path, limits), str(path), environment=environment, limits=limits)
+    return parse_yaml(read_file(path), str(path), environment=environment)
 
 
 def read_file(path: str | Path, limits: Limits = USUAL) -> bytes:

@@ -252,11 +252,11 @@ class _Resolver:
     def _check_types(self) -> None:
         looped: set[str] = set()
         for name, entry in self._types.items():
-            parent = _section_text(entry, "type")
+            parent = _type_of(entry)
             if parent is not None and parent not in self._types:
                 self._report_unknown_type(("types", name, "type"), parent)
             chain = [name]
-            while (parent := _section_text(self._types.get(chain[-1]), "type")) in self._types and parent is not None:
+            while (parent := _type_of(self._types.get(chain[-1]))) in self._types and parent is not None:
                 chain.append(parent)
                 if parent in chain[:-1]:
                     break
@@ -304,12 +304,12 @@ class _Resolver:
 
     def _levels(self, key: str, robot: MarkedDict) -> tuple[MarkedDict, tuple[str, ...]]:
         """Return a robot merged over its types and the defaults, and the chain of its types."""
-        own_type = _section_text(robot, "type")
+        own_type = _type_of(robot)
         chain: list[str] = []
         step = own_type
         while step in self._types and step is not None and step not in chain:
             chain.append(step)
-            step = _section_text(self._types[step], "type")
+            step = _type_of(self._types[step])
         if own_type is not None and not chain:
             self._report_unknown_type(("robots", key, "type"), own_type)
         entries = [self._tree.root.section("defaults"), *(self._types[name] for name in reversed(chain)), robot]
@@ -330,8 +330,8 @@ def _with_number(entry: MarkedDict, number: int) -> MarkedDict:
     return numbered
 
 
-def _section_text(section: object, key: str) -> str | None:
-    text = section.get(key) if isinstance(section, MarkedDict) else None
+def _type_of(section: object) -> str | None:
+    text = section.get("type") if isinstance(section, MarkedDict) else None
     return text if isinstance(text, str) else None
 
 

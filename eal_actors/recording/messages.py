@@ -124,10 +124,10 @@ def transform_of(robot: str, sample: PoseSample) -> Message:
     }
 
 
-def image_message(time_s: float, frame_id: str, file: bytes, encoding: str) -> Message:
-    """Return a CompressedImage of a JPEG or PNG file."""
+def image_message(time_s: float, frame_id: str, file: bytes) -> Message:
+    """Return a CompressedImage of a JPEG file."""
     data = base64.b64encode(file).decode("ascii")
-    return {"timestamp": _stamp(time_s), "frame_id": frame_id, "data": data, "format": encoding}
+    return {"timestamp": _stamp(time_s), "frame_id": frame_id, "data": data, "format": "jpeg"}
 
 
 def scan_message(time_s: float, frame_id: str, ranges_m: Sequence[float], angles_rad: Sequence[float]) -> Message:
@@ -213,7 +213,7 @@ def scene_message(world: WorldModel) -> Message:
     return {"deletions": [], "entities": [_entity(world.name, WORLD_FRAME, 0.0, cubes, cylinders, texts)]}
 
 
-def hull_message(radius_m: Mapping[str, float], time_s: float = 0.0) -> Message:
+def hull_message(radius_m: Mapping[str, float]) -> Message:
     """Return a SceneUpdate of robots by name: a disc of its radius in each robot's frame, a bar ahead, and its name."""
     entities = []
     for number, (robot, radius) in enumerate(radius_m.items()):
@@ -221,7 +221,7 @@ def hull_message(radius_m: Mapping[str, float], time_s: float = 0.0) -> Message:
         bar = {"pose": _pose(radius / 2, 0.0, _HULL_M), "size": _vector(radius, 0.03, 0.03), "color": _colour(_INK)}
         disc = _cylinder(0.0, 0.0, radius, _HULL_M, colour)
         label = _label(0.0, 0.0, _HULL_M, robot)
-        entities.append(_entity(f"{robot}/hull", base_frame(robot), time_s, [bar], [disc], [label]))
+        entities.append(_entity(f"{robot}/hull", base_frame(robot), 0.0, [bar], [disc], [label]))
     return {"deletions": [], "entities": entities}
 
 

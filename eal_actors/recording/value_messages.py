@@ -37,7 +37,7 @@ def message_of(
     """Return the message of a value: an image, a scan, or JSON; raise EALError if an image cannot be encoded."""
     frame_id = data.frame_id or messages.base_frame(resource.robot)
     if data.dtype == "|u1" and data.shape is not None and data.shape[2:] == (3,):
-        return schemas.IMAGE, messages.image_message(time_s, frame_id, encode_image(data, "jpeg"), "jpeg")
+        return schemas.IMAGE, messages.image_message(time_s, frame_id, encode_image(data, "jpeg"))
     if angles_rad and data.shape == (len(angles_rad),):
         return schemas.SCAN, messages.scan_message(time_s, frame_id, data.value.tolist(), angles_rad)
     return schemas.VALUE, messages.value_message(time_s, data)

@@ -72,16 +72,15 @@ class PredictedWheels:
 
     Args:
         delay_s: by which a command may come late.
-        acceleration_m_s2: see the attribute.
 
     Attributes:
         acceleration_m_s2: of each wheel, as far as is known.
         factor: by which it may be another one.
     """
 
-    def __init__(self, delay_s: float = 0.0, acceleration_m_s2: float = _ACCELERATION_M_S2) -> None:
+    def __init__(self, delay_s: float = 0.0) -> None:
         self._delay_s = delay_s
-        self.acceleration_m_s2, self.factor = acceleration_m_s2, _FACTOR
+        self.acceleration_m_s2, self.factor = _ACCELERATION_M_S2, _FACTOR
         self._at_s = -math.inf
         self._speeds_m_s = (0.0, 0.0)
         self._commands: deque[tuple[float, tuple[float, float]]] = deque([(-math.inf, (0.0, 0.0))], _MOST_COMMANDS)

@@ -211,11 +211,11 @@ class RosNode:
         """Return the fully qualified name of a topic or service."""
         return graph.full_name(self.namespace, name)
 
-    def publisher(self, topic: str, kind: MessageType, *, best_effort: bool = False) -> RosPublisher:
+    def publisher(self, topic: str, kind: MessageType) -> RosPublisher:
         """Publish a topic."""
         name, gid = self.full_name(topic), os.urandom(graph.GID_BYTES)
         publisher = RosPublisher(self.session.require, self._key(name, kind), kind, gid)
-        self._declare(graph.PUBLISHER, name, kind, publisher.declare, graph.quality(best_effort=best_effort))
+        self._declare(graph.PUBLISHER, name, kind, publisher.declare, graph.quality())
         return publisher
 
     def subscription(

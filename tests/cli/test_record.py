@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import json
 import os
-import pty
-import termios
-from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
 from tests.cli.conftest import Program
 from tests.net.links import eventually
-from tests.program import eal_processes
+from tests.program import eal_processes, paused_terminal
 
 
 @pytest.mark.parametrize("extent", ["poses", pytest.param("all", marks=pytest.mark.slow)])
@@ -43,15 +40,10 @@ def test_a_robot_that_is_not_in_the_fleet_is_refused_before_anything_is_written(
 
 
 def test_it_ends_at_sigterm_while_its_terminal_is_paused(tmp_path: Path) -> None:
-    """As by Ctrl-S: what it prints blocked it."""
-    with ExitStack() as stack:
-        ends = pty.openpty()
-        for end in ends:
-            stack.callback(os.close, end)
-        termios.tcflow(ends[1], termios.TCOOFF)
-        start = stack.enter_context(eal_processes(tmp_path))
+    """What it prints blocked it."""
+    with paused_terminal() as terminal, eal_processes(tmp_path) as start:
         arguments = "record", "--fleet", "sim", "roomba-1", "--record", "poses", "--runs-dir", tmp_path
-        recorder = start(*arguments, environment=os.environ, stdout=ends[1])
+        recorder = start(*arguments, environment=os.environ, stdout=terminal)
         assert eventually(lambda: any(file.stat().st_size > 1000 for file in tmp_path.glob("*/trajectory.csv")))
         recorder.terminate()
         assert recorder.wait(30.0) == 0

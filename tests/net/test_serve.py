@@ -31,23 +31,18 @@ from eal_actors.wire.transport import Transport
 from tests.net.links import eventually, free_port
 from tests.net.rig import WAIT_S, Rig, becomes, failure, ready, servers
 from tests.plugin_files import write_plugin
-from tests.program import eal_processes
+from tests.program import eal_processes, paused_terminal
 
 
 def test_it_ends_at_sigterm_while_its_terminal_is_paused(tmp_path: Path) -> None:
-    """As by Ctrl-S: what it prints blocked it for good."""
+    """What it prints blocked it for good."""
     rig = Rig(tmp_path)
-    with ExitStack() as stack:
-        ends = pty.openpty()
-        for end in ends:
-            stack.callback(os.close, end)
-        termios.tcflow(ends[1], termios.TCOOFF)
-        start = stack.enter_context(eal_processes(tmp_path))
+    with paused_terminal() as terminal, eal_processes(tmp_path) as start:
         arguments = "serve", "--fleet", rig.file, "--robot", "r1"
-        server = start(*arguments, environment=os.environ, stdout=ends[1])
-        stack.enter_context(ready(Fleet(rig.config)))
-        server.terminate()
-        assert server.wait(WAIT_S) == 0
+        server = start(*arguments, environment=os.environ, stdout=terminal)
+        with ready(Fleet(rig.config)):
+            server.terminate()
+            assert server.wait(WAIT_S) == 0
 
 
 def test_the_error_of_a_reload_does_not_wait_for_a_paused_terminal(

@@ -175,7 +175,7 @@ def write_sensors(path: Path, names: list[str], end_s: float) -> None:
             file.write(f"/{name}/Battery", schemas.VALUE, time_s, messages.value_message(time_s, value))
     for index in range(int(2 * end_s)):
         picture = cv2.resize(noise.integers(0, 255, (48, 64, 3), np.uint8), (640, 480))
-        frame = messages.image_message(index / 2, "camera", cv2.imencode(".jpg", picture)[1].tobytes(), "jpeg")
+        frame = messages.image_message(index / 2, "camera", cv2.imencode(".jpg", picture)[1].tobytes())
         file.write(f"/{names[0]}/Camera", schemas.IMAGE, index / 2, frame)
     file.close()
 

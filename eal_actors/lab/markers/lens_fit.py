@@ -81,10 +81,10 @@ class BoardFinder:
         )
 
 
-def is_new_view(view: BoardView, others: list[BoardView], share: float = 0.06) -> bool:
-    """Return whether a board is somewhere else than in the other pictures, by a share of the picture's width."""
+def is_new_view(view: BoardView, others: list[BoardView]) -> bool:
+    """Return whether a board is somewhere else than in the other pictures, by 6 % of the picture's width."""
     place = _place(view)
-    return all(float(np.abs(place - _place(other)).max()) > share * view.size_px[0] for other in others)
+    return all(float(np.abs(place - _place(other)).max()) > 0.06 * view.size_px[0] for other in others)
 
 
 def _place(view: BoardView) -> NDArray[np.float64]:

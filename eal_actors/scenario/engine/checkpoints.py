@@ -6,10 +6,9 @@ from collections.abc import Iterable
 from functools import partial
 from typing import Any
 
-from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import ScaledClock
 from eal_actors.kernel.errors import ScenarioError
-from eal_actors.kernel.lock_step import LockStepClock, Rate
+from eal_actors.kernel.lock_step import LockStepClock
 from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.frames import Participant, RoleSlot
 from eal_actors.scenario.language.scenario import scenario_hash
@@ -140,17 +139,11 @@ def _views(variables: dict[str, object]) -> dict[str, Any]:
 
 def run_started(run: RunContext, time_s: float) -> RunStarted:
     """Return the first event of a run."""
-    plan, scenario, config = run.plan, run.plan.scenario, run.fleet.config
+    plan = run.plan
     return RunStarted(
         time_s,
-        scenario=scenario.name,
-        scenario_file=str(scenario.source),
-        scenario_hash=scenario_hash(scenario),
-        fleet=config.name,
-        fleet_file=str(config.source),
-        seed=config.seed,
-        rate=_rate(run.fleet),
-        parameters={name: to_record(value) for name, value in scenario.parameters.items()},
+        **_inputs(run),
+        scenario_hash=scenario_hash(plan.scenario),
         roles=plan.roles,
         spares=plan.spares,
         robots=plan.robots,
@@ -173,15 +166,8 @@ def make_report(
     outcome: tuple[RunOutcome, BaseException | None],
 ) -> Report:
     """Return the report of a run that is over, and that may continue an interrupted one."""
-    scenario, config = run.plan.scenario, run.fleet.config
     return Report(
-        scenario=scenario.name,
-        scenario_file=str(scenario.source),
-        fleet=config.name,
-        fleet_file=str(config.source),
-        seed=config.seed,
-        rate=_rate(run.fleet),
-        parameters={name: to_record(value) for name, value in scenario.parameters.items()},
+        **_inputs(run),
         roles={role: list(names) for role, names in run.plan.roles.items()},
         wall_started=wall_started,
         duration_s=duration_s,
@@ -201,6 +187,15 @@ def make_report(
     )
 
 
-def _rate(fleet: Fleet) -> Rate:
-    """Return the rate of the fleet's clock; that of the fleet file for a clock without one."""
-    return fleet.clock.rate if isinstance(fleet.clock, ScaledClock | LockStepClock) else fleet.config.rate
+def _inputs(run: RunContext) -> dict[str, Any]:
+    """Return the fields of a run's inputs, which its first event and its report have."""
+    scenario, config, clock = run.plan.scenario, run.fleet.config, run.fleet.clock
+    return {
+        "scenario": scenario.name,
+        "scenario_file": str(scenario.source),
+        "fleet": config.name,
+        "fleet_file": str(config.source),
+        "seed": config.seed,
+        "rate": clock.rate if isinstance(clock, ScaledClock | LockStepClock) else config.rate,
+        "parameters": {name: to_record(value) for name, value in scenario.parameters.items()},
+    }

@@ -24,7 +24,7 @@ from eal_actors.wire.session import open_session, probe_config
 if TYPE_CHECKING:
     import zenoh
 
-PROBE_S: Final = 2.0
+_PROBE_S: Final = 2.0
 """Real seconds to wait for an answer at an endpoint."""
 
 
@@ -73,16 +73,16 @@ _MAX_PROBES: Final = 8
 _MAX_ANSWERS: Final = 10_000
 
 
-def robots_at(endpoint: str, fleet: FleetConfig | None = None, timeout_s: float = PROBE_S) -> list[FoundRobot]:
+def robots_at(endpoint: str, fleet: FleetConfig | None = None) -> list[FoundRobot]:
     """Return the robots at an endpoint: one, or all behind a router. Thread: blocks the caller.
 
     With a fleet, its keys are used and only its robots are returned; else robots of any fleet. Raises UnavailableError
-    if nothing answers there within `timeout_s` real seconds, and ConfigError if the fleet's keys are missing.
+    if nothing answers there within two real seconds, and ConfigError if the fleet's keys are missing.
     """
     network = None if fleet is None else fleet.network
     wanted = keys.ALL_ALIVE if fleet is None else keys.alive_key(fleet.network_name, None)
     try:
-        with open_session(probe_config(endpoint, network), timeout_s) as session:
+        with open_session(probe_config(endpoint, network), _PROBE_S) as session:
             replies = session.liveliness().get(wanted, timeout=_TOKENS_S)
             return sorted(_robots_of((reply.ok for reply in replies if reply.ok is not None), endpoint))
     except UnavailableError as error:
