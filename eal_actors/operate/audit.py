@@ -12,6 +12,7 @@ import logging
 import os
 import queue
 import secrets
+import threading
 from collections.abc import Callable, Mapping
 from io import TextIOWrapper
 from logging.handlers import QueueListener, RotatingFileHandler
@@ -69,10 +70,10 @@ class AuditLog:
         """Record the beginning of a command; return the function that records its end, once."""
         number = f"{self._process}-{next(self._numbers)}"
         self._write({"id": number, **user, "command": command, "arguments": arguments})
-        is_open = [True]
+        has_ended = threading.Lock()
 
         def finish(outcome: str) -> None:
-            if is_open.pop() if is_open else False:
+            if has_ended.acquire(blocking=False):
                 self._write({"id": number, "outcome": outcome})
 
         return finish

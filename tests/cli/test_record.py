@@ -40,7 +40,7 @@ def test_a_robot_that_is_not_in_the_fleet_is_refused_before_anything_is_written(
 
 
 def test_it_ends_at_sigterm_while_its_terminal_is_paused(tmp_path: Path) -> None:
-    """What it prints blocked it."""
+    """Its output blocked it."""
     with paused_terminal() as terminal, eal_processes(tmp_path) as start:
         arguments = "record", "--fleet", "sim", "roomba-1", "--record", "poses", "--runs-dir", tmp_path
         recorder = start(*arguments, environment=os.environ, stdout=terminal)

@@ -35,7 +35,7 @@ from tests.program import eal_processes, paused_terminal
 
 
 def test_it_ends_at_sigterm_while_its_terminal_is_paused(tmp_path: Path) -> None:
-    """What it prints blocked it for good."""
+    """Its output blocked it for good."""
     rig = Rig(tmp_path)
     with paused_terminal() as terminal, eal_processes(tmp_path) as start:
         arguments = "serve", "--fleet", rig.file, "--robot", "r1"
