@@ -358,8 +358,3 @@ LISTS: Final = (
     "check",
 )
 """Keys of an image that are joined with those of its included images."""
-
-
-def schema_of(model: type[StrictModel]) -> dict[str, Any]:
-    """Return the JSON Schema of a file."""
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **model.model_json_schema()}

@@ -14,3 +14,8 @@ def problems_of(read: Callable[[], object]) -> tuple[Problem, ...]:
     except ConfigError as error:
         return error.problems
     return ()
+
+
+def problem_texts(read: Callable[[], object]) -> list[str]:
+    """Return the same as texts."""
+    return [str(problem) for problem in problems_of(read)]

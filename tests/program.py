@@ -1,4 +1,4 @@
-"""The program `eal` in processes of its own."""
+"""The program `eal`, in this process or in its own, and terminals for it."""
 
 import os
 import pty
@@ -10,7 +10,18 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from typer.testing import CliRunner, Result
+
+from eal_actors.cli import app
 from eal_actors.kernel.bundled import bundled_path
+
+
+def run_eal(*arguments: object) -> Result:
+    """Run the program in this process; an exception that it lets through fails the test."""
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result
 
 
 @contextmanager

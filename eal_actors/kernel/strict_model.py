@@ -160,6 +160,11 @@ def model_of(model: type[Model], tree: YamlTree) -> Model:
         raise ConfigError(problems_from(error, tree, model)) from None
 
 
+def schema_of(model: type[StrictModel]) -> dict[str, Any]:
+    """Return the JSON Schema of a kind of file, for editors."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **model.model_json_schema()}
+
+
 def problems_from(error: ValidationError, tree: YamlTree, model: object) -> list[Problem]:
     """Convert pydantic's errors into problems with a place in the file.
 

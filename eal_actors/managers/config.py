@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from eal_actors.device.world import WorldModel
 from eal_actors.device.world.loading import validate
 from eal_actors.kernel.errors import ConfigError, Problem, RobotNotFoundError
-from eal_actors.kernel.strict_model import StrictModel, model_of
+from eal_actors.kernel.strict_model import model_of, schema_of
 from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.managers.fleet_loader import fleet_of, load_fleet, load_valid_part
 from eal_actors.managers.fleet_model import FleetConfig, FleetFile, RobotConfig
@@ -119,18 +119,14 @@ def world_of(content: WorldModel | Mapping[str, object], *, name: str = "world")
 
 def manifest_schema() -> dict[str, Any]:
     """Return the JSON Schema of plugin manifests."""
-    return _schema(ManifestFile)
+    return schema_of(ManifestFile)
 
 
 def fleet_schema() -> dict[str, Any]:
     """Return the JSON Schema of fleet files, for editors."""
-    return _schema(FleetFile)
+    return schema_of(FleetFile)
 
 
 def world_schema() -> dict[str, Any]:
     """Return the JSON Schema of world files."""
-    return _schema(WorldModel)
-
-
-def _schema(model: type[StrictModel]) -> dict[str, Any]:
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **model.model_json_schema()}
+    return schema_of(WorldModel)

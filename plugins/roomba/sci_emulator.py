@@ -15,7 +15,6 @@ from .groups import GROUP_BYTES, Contacts, Controls, Sensors
 from .sci import DATA_BYTES, MODE_PAUSE_S, SONGS, WHEELBASE_M, Mode, Op, SciLights, StatusLed
 
 _BAUD_RATE: Final = 57600
-_MOTE_BAUD_RATE: Final = 115200
 
 
 class SciEmulator(EmulatedRoomba):

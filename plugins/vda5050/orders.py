@@ -12,7 +12,6 @@ from eal_actors.plugin import ResourceFaultError, UnavailableError, wrapped_rad
 from .messages import AgvAction, AgvPosition, AgvState, Edge, Node, NodePosition
 
 _REJECTIONS: Final = ("validationError", "orderError", "orderUpdateError", "noRouteError", "mapError")
-_ANYWHERE: Final = math.pi
 _GOAL_DEVIATION_RAD: Final = 0.1
 _REVERSE_RAD: Final = 3.14159265359
 """Driving backwards, as greatest value of the published schema."""

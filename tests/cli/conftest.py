@@ -11,11 +11,10 @@ from typing import IO
 
 import pytest
 import structlog
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
-from eal_actors.cli import app
 from eal_actors.cli.plugin import write_plugin
-from tests.program import eal_processes
+from tests.program import eal_processes, run_eal
 from tests.scenario_texts import scenario_of
 
 Program = Callable[..., Result]
@@ -41,18 +40,11 @@ MOVE = scenario_of(
 
 @pytest.fixture
 def eal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Program]:
-    """Run the program in this process; an exception that it lets through fails the test."""
+    """Run the program in this process, see `run_eal`."""
     monkeypatch.setenv("COLUMNS", "100")
     monkeypatch.delenv("EAL_FLEET", raising=False)
     monkeypatch.delenv("FORCE_COLOR", raising=False)
-
-    def run(*arguments: object) -> Result:
-        result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-        if result.exception is not None and not isinstance(result.exception, SystemExit):
-            raise result.exception
-        return result
-
-    yield run
+    yield run_eal
     structlog.reset_defaults()  # it still refers to the captured stderr
 
 

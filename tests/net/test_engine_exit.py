@@ -174,19 +174,18 @@ def ticking(endpoint: str) -> Iterator[None]:
             ends.set()
 
 
-def test_a_session_that_still_receives_does_not_abort_the_program_at_its_end() -> None:
+@pytest.mark.parametrize(
+    "program",
+    [
+        pytest.param(LISTENER, id="a session that still receives"),
+        pytest.param(OWNER, id="a thread that frees its session"),  # until the end looked at more than frames
+    ],
+)
+def test_an_open_session_does_not_abort_the_program_at_its_end(program: str) -> None:
     """Every such program ended with SIGABRT."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with ticking(endpoint):
-        programs = [run(LISTENER, endpoint) for _ in range(3)]
-        assert [outcome(program) for program in programs] == [(0, "")] * 3
-
-
-def test_a_thread_that_frees_its_session_at_the_end_does_not_abort_the_program() -> None:
-    """Every such program ended with SIGABRT as long as the end looked at the frames of threads only."""
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    with ticking(endpoint):
-        programs = [run(OWNER, endpoint) for _ in range(3)]
+        programs = [run(program, endpoint) for _ in range(3)]
         assert [outcome(program) for program in programs] == [(0, "")] * 3
 
 

@@ -16,6 +16,7 @@ from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.wire.security.certificates import make_authority, make_certificate
 from eal_actors.wire.session import controller_config, open_session, robot_config, router_config
 from tests.net.links import answering, ask, eventually, fleet_of, free_port
+from tests.security.forging import as_seen_by
 
 ROLES = {
     "controllers": ["controller", {"name": "driver", "robots": ["r1"], "resources": ["Wheels"]}],
@@ -40,13 +41,6 @@ def secured(folder: Path, robots: Mapping[str, str | None], routers: tuple[str, 
     """Return a fleet with keys in the folder; r1 and r2, which its roles name, are local where no address is given."""
     network = {"security": {"roles": ROLES}, "routers": list(routers)}
     return fleet_of(network, {"r1": None, "r2": None, **robots}, folder)
-
-
-def as_seen_by(fleet: FleetConfig, name: str) -> FleetConfig:
-    """Return the fleet as seen by a controller with the certificate of that name."""
-    assert fleet.network.security is not None
-    security = replace(fleet.network.security, controller=name)
-    return replace(fleet, network=replace(fleet.network, security=security))
 
 
 @dataclass

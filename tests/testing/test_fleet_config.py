@@ -9,9 +9,9 @@ import pytest
 
 from eal_actors.device.world import WorldModel
 from eal_actors.kernel.bundled import bundled_path
-from eal_actors.kernel.errors import ConfigError
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.testing.fleet_config import simulated_fleet
+from tests.problems import problem_texts
 
 ROOM: dict[str, Any] = {"version": 1, "name": "room", "size_m": (4, 3)}
 
@@ -25,9 +25,7 @@ def settings(config: FleetConfig, robot: str) -> object:
 
 
 def problems(robots: Any, world: Any = None, **options: Any) -> list[str]:
-    with pytest.raises(ConfigError) as caught:
-        fleet(robots, world, **options)
-    return [str(problem) for problem in caught.value.problems]
+    return problem_texts(lambda: fleet(robots, world, **options))
 
 
 def test_a_model_is_all_a_robot_needs() -> None:

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from eal_actors.kernel.bundled import find_file, short_path
 from eal_actors.kernel.errors import ArgumentError, ConfigError, Problem, file_error
-from eal_actors.kernel.strict_model import model_of
+from eal_actors.kernel.strict_model import model_of, schema_of
 from eal_actors.kernel.yaml_source import LARGE, parse_yaml, read_file
 from eal_actors.kernel.yaml_tree import format_path
 from eal_actors.scenario.language.parameters import check_parameters, set_parameters
@@ -98,7 +98,7 @@ def check_scenario(path: str | Path) -> tuple[Problem, ...]:
 
 def scenario_schema() -> dict[str, Any]:
     """Return the JSON Schema of scenario files, for completion and checks in editors."""
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **ScenarioFile.model_json_schema()}
+    return schema_of(ScenarioFile)
 
 
 class _Loader:

@@ -7,7 +7,7 @@ import pytest
 
 from eal_actors.device.world import Beacon, BoxObstacle, CircleObstacle, load_world
 from eal_actors.device.world.geometry import corners, covers, overlap
-from eal_actors.kernel.errors import ConfigError
+from tests.problems import problem_texts
 
 HEAD = "version: 1\nname: room\nsize_m: [6, 4]\ntextures: {brick: {pattern: bricks}}\n"
 ROOM = "the room, which reaches from -3 to 3 m in x and from -2 to 2 m in y"
@@ -18,11 +18,7 @@ PILLAR = "obstacles: [{kind: circle, x_m: 0, y_m: 0, radius_m: 0.5}]"
 def problems(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str) -> list[str]:
     monkeypatch.chdir(tmp_path)
     Path("w.yaml").write_text(HEAD + text, encoding="utf-8")
-    try:
-        load_world("w.yaml")
-    except ConfigError as error:
-        return [str(problem) for problem in error.problems]
-    return []
+    return problem_texts(lambda: load_world("w.yaml"))
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.kernel.yaml_source import load_yaml, parse_yaml, plain_value
 from eal_actors.kernel.yaml_tree import Mark
+from tests.problems import problem_texts
 
 NO_TAGS = " is not supported; leave it out, and put text in quotes"
 UNCLOSED_LIST = "a ']' is missing at the end of the list that begins in line 1"
@@ -21,9 +22,7 @@ BARE_REFERENCE = (
 
 
 def problems(text: str | bytes, environment: Mapping[str, str] | None = None) -> list[str]:
-    with pytest.raises(ConfigError) as caught:
-        parse_yaml(text, "f.yaml", environment=environment)
-    return [str(problem) for problem in caught.value.problems]
+    return problem_texts(lambda: parse_yaml(text, "f.yaml", environment=environment))
 
 
 def values(text: str, environment: Mapping[str, str] | None = None) -> dict[str, object]:

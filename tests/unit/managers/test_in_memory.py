@@ -10,25 +10,21 @@ import pytest
 
 from eal_actors.device.world import WorldModel, load_world
 from eal_actors.kernel.bundled import bundled_path
-from eal_actors.kernel.errors import ConfigError
 from eal_actors.kernel.yaml_source import load_yaml
 from eal_actors.managers.config import EALConfigManager, world_of
 from eal_actors.managers.memory_file import tree_of
+from tests.problems import problem_texts
 
 ROBOTS: dict[str, Any] = {"a": {"plugins": {"sample": {}}}}
 ROOM: dict[str, Any] = {"version": 1, "name": "room", "size_m": (4, 3)}
 
 
 def problems(content: Any) -> list[str]:
-    with pytest.raises(ConfigError) as caught:
-        EALConfigManager.of(content, environment={})
-    return [str(problem) for problem in caught.value.problems]
+    return problem_texts(lambda: EALConfigManager.of(content, environment={}))
 
 
 def world_problems(content: Any) -> list[str]:
-    with pytest.raises(ConfigError) as caught:
-        world_of(content)
-    return [str(problem) for problem in caught.value.problems]
+    return problem_texts(lambda: world_of(content))
 
 
 @pytest.mark.parametrize("name", ["sim", "local"])

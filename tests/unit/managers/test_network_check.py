@@ -12,6 +12,7 @@ from eal_actors.facade.service import RobotService
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.kernel.lock_step import MAX
 from eal_actors.managers.config import EALConfigManager
+from tests.problems import problem_texts
 
 FLEET = """\
 version: 1
@@ -32,9 +33,7 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def problems(file: Path) -> list[str]:
-    with pytest.raises(ConfigError) as caught:
-        EALConfigManager.load(file)
-    return [str(problem) for problem in caught.value.problems]
+    return problem_texts(lambda: EALConfigManager.load(file))
 
 
 def test_rate_max_with_a_robot_of_another_process_is_refused_where_it_is_written(file: Path) -> None:

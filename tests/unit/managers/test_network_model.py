@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.kernel.errors import ConfigError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_loader import load_fleet
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import Grant, NetworkConfig, parse_endpoint
+from tests.problems import problem_texts
 
 PLUGINS = "plugins: {s: {}}"
 
@@ -25,9 +25,7 @@ def load(text: str) -> FleetConfig:
 
 
 def problems(text: str) -> list[str]:
-    with pytest.raises(ConfigError) as caught:
-        load(text)
-    return [str(problem) for problem in caught.value.problems]
+    return problem_texts(lambda: load(text))
 
 
 def test_without_a_network_section_robots_are_local_and_the_defaults_hold() -> None:

@@ -22,8 +22,6 @@ from eal_actors.device.navigation.traffic.lattice import Edge
 Bridge: TypeAlias = tuple[int, tuple[Point, ...], int]
 """A place, the points between, and another place."""
 
-Disc: TypeAlias = tuple[Point, float]
-"""The middle of what stands, and the distance in m that the robot's centre must keep from there."""
 
 _Cell: TypeAlias = tuple[int, int]
 _NOWHERE: Final = (-1, -1)

@@ -10,12 +10,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
-from eal_actors.cli import app
 from eal_actors.kernel.errors import ConfigError, ScenarioError
 from eal_actors.lab.panorama.folder import read_frames
 from eal_actors.lab.panorama.step import stitch_run
+from tests.program import run_eal
 from tests.unit.lab.contexts import step_context
 from tests.unit.lab.panorama.turning import Image, noisy, shots, steps
 
@@ -42,13 +41,6 @@ def load(file: Path) -> Image:
     picture = cv2.imread(str(file))
     assert picture is not None
     return np.asarray(picture, np.uint8)
-
-
-def eal(*arguments: object) -> Result:
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    if result.exception is not None and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result
 
 
 # Reading.
@@ -127,44 +119,44 @@ def test_a_folder_of_folders_tells_where_the_frames_are(tmp_path: Path) -> None:
 
 def test_eal_stitch_makes_a_panorama_and_tells_of_each_frame(tmp_path: Path) -> None:
     save(tmp_path, shots(TRUE))
-    result = eal("stitch", tmp_path, "--step", "45")
+    result = run_eal("stitch", tmp_path, "--step", "45")
     assert result.exit_code == 0
     rows = [line.split() for line in result.stdout.splitlines() if line.startswith("frame.")]
     assert [row[0] for row in rows] == ["frame.0.png", "frame.1.png", "frame.2.png"]
     assert [row[4] for row in rows] == ["features"] * 3
     height, width, _ = load(tmp_path / "panorama.png").shape
     assert f"{width} x {height} px, 15" in result.stdout
-    again = eal("stitch", tmp_path, "--step", "45", "--json")
+    again = run_eal("stitch", tmp_path, "--step", "45", "--json")
     assert len(json.loads(again.stdout)["frames"]) == 3, "its own panorama is no frame"
 
 
 def test_eal_stitch_finds_the_robots_of_a_run(tmp_path: Path) -> None:
     (tmp_path / "events.jsonl").write_text("")
     (tmp_path / "trajectory.png").write_text("no frame")
-    result = eal("stitch", tmp_path, "--step", "45")
+    result = run_eal("stitch", tmp_path, "--step", "45")
     assert result.exit_code == 2
     assert "is a run in which no robot saved .png" in result.output.replace("\n", " ")
     for robot in ("rover", "scout"):
         save(tmp_path / robot, shots(TRUE))
     (tmp_path / "logs").mkdir()
-    result = eal("stitch", tmp_path, "--step", "45", "--json")
+    result = run_eal("stitch", tmp_path, "--step", "45", "--json")
     assert (result.exit_code, sorted(json.loads(result.stdout))) == (0, ["rover", "scout"])
     load(tmp_path / "rover" / "panorama.png")
     load(tmp_path / "scout" / "panorama.png")
-    assert "names one file, and the robots" in eal("stitch", tmp_path, "--out", "x.png").output
+    assert "names one file, and the robots" in run_eal("stitch", tmp_path, "--out", "x.png").output
 
 
 def test_eal_stitch_names_what_it_leaves_out_and_fails(tmp_path: Path) -> None:
     frames = shots(TRUE)
     frames[2] = np.zeros_like(frames[2])
     out = tmp_path / "kept" / "wide.jpg"
-    result = eal("stitch", save(tmp_path, frames, ".jpg"), "--step", "45", "--out", out, "--json")
+    result = run_eal("stitch", save(tmp_path, frames, ".jpg"), "--step", "45", "--out", out, "--json")
     assert result.exit_code == 1
     last = json.loads(result.stdout)["frames"][2]
     assert last["left_out"] == "is blank, but frame.1.jpg beside it is not"
     assert last["yaw_deg"] is None
     load(out)
-    assert "left out: is blank" in eal("stitch", tmp_path, "--step", "45", "--out", out).stdout
+    assert "left out: is blank" in run_eal("stitch", tmp_path, "--step", "45", "--out", out).stdout
 
 
 @pytest.mark.parametrize(
@@ -177,7 +169,7 @@ def test_eal_stitch_names_what_it_leaves_out_and_fails(tmp_path: Path) -> None:
     ],
 )
 def test_eal_stitch_refuses_what_cannot_be(tmp_path: Path, options: list[str], message: str) -> None:
-    result = eal("stitch", save(tmp_path, tiny(2)), *options)
+    result = run_eal("stitch", save(tmp_path, tiny(2)), *options)
     assert result.exit_code == 2
     assert message in " ".join(result.stderr.split())
     assert not (tmp_path / "panorama.png").exists()
