@@ -281,7 +281,7 @@ class ActivityActor(EALActor):
     def _close(self, run: _ActivityRun) -> None:
         if run.timer is not None:
             run.timer.cancel()
-        if not self.guarded(lambda: run.activity.close()) and self.resource is not None:
+        if not self.guarded(run.activity.close) and self.resource is not None:
             self.guarded(self.resource.halt)  # its own `finally` did not do it
 
 

@@ -218,10 +218,12 @@ class ResourceActor(ReadinessActor):
         self.close_activities(reason)
         resource, self.resource = self.resource, None
         if resource is not None:
-            if self._is_open:
-                self.guarded(resource.halt)
-                self.guarded(resource.close)
-            self.guarded(lambda: self._factory.destroy(resource))
+
+            def destroy() -> None:
+                self._factory.destroy(resource)
+
+            for step in (resource.halt, resource.close, destroy) if self._is_open else (destroy,):
+                self.guarded(step)
 
     @override
     def busy(self, until_s: float) -> None:

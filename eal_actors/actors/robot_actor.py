@@ -335,8 +335,8 @@ class RobotActor(EALActor, RobotConnection):
         if plugins is not None:
             try:
                 plugins.close()
-            except Exception:  # noqa: BLE001  # a plugin may raise anything, and the robot must end
-                self._log.exception("disconnecting the plugins failed")
+            except Exception as error:  # noqa: BLE001  # a plugin may raise anything, and the robot must end
+                self._log.error("cleaning up failed", error=error_text(error))
 
     @override
     def abandon(self, error: EALError) -> None:

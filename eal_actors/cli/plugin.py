@@ -23,6 +23,7 @@ from eal_actors.cli.plugin_settings import SettingOption, parse_settings
 from eal_actors.kernel.bundled import is_installed, short_path
 from eal_actors.kernel.errors import file_error
 from eal_actors.kernel.log import configure_logging
+from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.managers.manifest import discover
 from eal_actors.managers.plugins import EALPluginManager
 from eal_actors.testing.conformance import Bench, CheckResult, run_checks, settings_of
@@ -123,8 +124,10 @@ def check_plugin(
     failed. Log lines are shown at the end, because the checks cause most of them, such as by unplugging the device.
     """
     results = []
-    known = discover(())[0].get(str(plugin)) if not plugin.exists() else None
-    folder = plugin if known is None else known.folder
+    known = discover(())[0] if not plugin.exists() else {}
+    if known and str(plugin) not in known:
+        raise file_error(plugin, f"no such folder, and no plugin of that name{did_you_mean(str(plugin), known)}")
+    folder = known[str(plugin)].folder if known else plugin
     bench = Bench(folder, settings_of(parse_settings(setting or [])))
     with _log_at_the_end(GlobalOptions.of(context)):
         for result in run_checks(bench):

@@ -76,6 +76,10 @@ class ValueInfo:
     shape: tuple[int | None, ...] = ()
     description: str = ""
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.type, DataType):
+            raise ArgumentError(f"a ValueInfo's type must be a DataType, such as DataType.DOUBLE, not {self.type!r}")
+
     def check(self, data: EALData, what: str) -> None:
         """Raise ArgumentError, naming `what`, unless the value has the type, shape and range."""
         if problem := self.problem(data):
@@ -203,6 +207,12 @@ class ResourceInfo:
     _timed_commands: tuple[tuple[str, CommandInfo], ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        if not isinstance(self.types, ResourceType):
+            raise ArgumentError(f"{self.name}: types must be ResourceTypes, not {self.types!r}")
+        calls = (*self.commands, *self.requests)
+        for value in (self.value, *(call.argument for call in calls), *(call.returns for call in calls)):
+            if not isinstance(value, ValueInfo | None):
+                raise ArgumentError(f"{self.name}: {value!r} must be a ValueInfo")
         timed = ((command.prefix, command) for command in self.commands if command.seconds_per_unit)
         object.__setattr__(self, "_timed_commands", tuple((prefix, command) for prefix, command in timed if prefix))
         object.__setattr__(self, "urgent_commands", frozenset(c.name for c in self.commands if c.urgent))

@@ -292,7 +292,9 @@ def _plugin_folders(plugin_dirs: Iterable[Path], errors: list[EALError]) -> Iter
         if folder is not None and (folder / MANIFEST).is_file():
             yield folder
         else:
-            errors.append(PluginError(f"entry point {entry.name!r} names {entry.value!r}, which holds no {MANIFEST}"))
+            absent = "is not installed (`pip install -e` cannot: use plugin_dirs)"
+            lack = absent if spec is None else f"holds no {MANIFEST}"
+            errors.append(PluginError(f"entry point {entry.name!r} names {entry.value!r}, which {lack}"))
 
 
 @cache

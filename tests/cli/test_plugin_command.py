@@ -148,6 +148,9 @@ def test_check_of_no_plugin(eal: Any, tmp_path: Path) -> None:
     result = eal("plugin", "check", tmp_path)
     assert result.exit_code == 2
     assert "plugin.yaml: no such file" in result.stderr
+    result = eal("plugin", "check", "smaple")
+    assert result.exit_code == 2
+    assert "smaple: no such folder, and no plugin of that name; did you mean 'sample'?" in result.stderr
 
 
 def test_the_lines_of_the_checks_are_not_mixed_with_warnings() -> None:

@@ -12,7 +12,7 @@ from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
 from eal_actors.device.info import ResourceType
 from eal_actors.device.world import WorldModel
-from eal_actors.facade.fleet import Fleet
+from eal_actors.facade.fleet import START_TIMEOUT_S, Fleet
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import DeadlineError, EALError, PluginError
 from eal_actors.kernel.yaml_tree import YamlTree
@@ -144,7 +144,7 @@ def _require_up(robot: RobotHandle) -> None:
         messages = dict.fromkeys(problem.message for problem in robot.problems)
         repeating = {one for one in messages for other in messages if one != other and other in one}
         raise PluginError("; ".join(message for message in messages if message not in repeating))
-    robot.wait_started(0.0)
+    robot.wait_started(0.0, START_TIMEOUT_S)  # the fleet has waited
     for name, handle in robot.items():
         try:
             handle.info  # noqa: B018  # reading it fails if the resource has not started

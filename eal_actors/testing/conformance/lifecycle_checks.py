@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 
 from eal_actors.actors.handles import ResourceHandle
@@ -27,6 +28,32 @@ def leaves_no_thread(bench: Bench, findings: Findings) -> None:
             start_lasting_command(handle, findings)
     left = sorted(thread.name for thread in set(threading.enumerate()) - before)
     findings.expect(not left, f"threads are left behind: {', '.join(left)}")
+
+
+def cleans_up(bench: Bench, findings: Findings) -> None:
+    """Closed during a command, nothing raises: no `finally`, `halt`, `close`, `destroy_X` or `disconnect`."""
+    errors = _Errors()
+    logger = logging.getLogger("eal_actors")
+    logger.addHandler(errors)
+    try:
+        leaves_no_thread(bench, Findings())
+    finally:
+        logger.removeHandler(errors)
+    findings.tried += 1
+    findings.problems += errors.lines
+
+
+class _Errors(logging.Handler):
+    """Collects the errors of the log."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.ERROR)
+        self.lines: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        fields = record.__dict__.get("eal", {})
+        words = [str(fields[key]) for key in ("resource", "step", "error", "reason") if key in fields]
+        self.lines.append(": ".join(words) or record.getMessage())
 
 
 def shares_no_state(bench: Bench, findings: Findings) -> None:

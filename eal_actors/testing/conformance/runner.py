@@ -69,6 +69,7 @@ CHECKS: Final = (
     Check(connection_checks.waits_for_its_device, "there is no emulated device to be absent"),
     Check(connection_checks.survives_unplugging, "there is no emulated device to unplug"),
     Check(lifecycle_checks.leaves_no_thread),
+    Check(lifecycle_checks.cleans_up),
     Check(connection_checks.releases_its_ports, "this system does not list open files"),
     Check(lifecycle_checks.reconnects),
 )

@@ -55,6 +55,15 @@ MISTAKES = {
     "another name in connect": ("starts", 'EALPlugin("Slide")', 'EALPlugin("Other")', "manifest names Slide"),
     "open fails": ("starts", INIT, f"    def open(self):\n        raise OSError('no port')\n\n{INIT}", "no port"),
     "no type": ("describes itself", "ResourceType.SENSOR | ResourceType.ACTUATOR", "ResourceType(0)", "has no type"),
+    "types in words": ("starts", "ResourceType.SENSOR | ResourceType.ACTUATOR", "'sensor'", "Slide: types must be Res"),
+    "a value in words": ("starts", "value = _POSITION", "value = 'm'", "Slide: 'm' must be a ValueInfo"),
+    "an argument in words": (
+        "starts",
+        '"to<metres>", _POSITION',
+        '"to<metres>", "m"',
+        "Slide: 'm' must be a ValueInfo",
+    ),
+    "a data type in words": ("starts", 'DOUBLE, "m", 0', 'DOUBLE.value, "m", 0', "must be a DataType, such as"),
     "no unit": ("describes itself", 'DOUBLE, "m/s"', "DOUBLE, None", "'speed_m_s' has no unit"),
     "no word about a command": ("describes itself", '"""Move to a position."""', '""', "'to<metres>' has no desc"),
     "an empty range": ("describes itself", "0.01, 0.5", "0.5, 0.01", "empty range: 0.5..0.01"),
@@ -168,6 +177,24 @@ MISTAKES = {
         "of one robot changed the other's",
     ),
     "one object for all": ("shares no state", "return Slide()", "return _ONLY", "have the same object"),
+    "a finally that yields": (
+        "cleans up",
+        "self.halt()  # also on a newer command or a halt",
+        "yield 1.0",
+        "Slide: close: RuntimeError: generator ignored GeneratorExit",
+    ),
+    "a destroy that fails": (
+        "cleans up",
+        '"""Release what `create_Slide` opened: nothing here."""',
+        "raise OSError('in use')",
+        "Slide: destroy: OSError: in use",
+    ),
+    "a disconnect that fails": (
+        "cleans up",
+        '"""Release what `connect` opened: nothing here."""',
+        "raise OSError('in use')",
+        "PluginError: disconnect failed in slide: OSError: in use",
+    ),
     "connects once": ("reconnects", "return EALPlugin(", "_ONCE.pop()\n    return EALPlugin(", "pop from empty list"),
 }
 

@@ -88,13 +88,15 @@ def test_plugins_of_installed_packages_are_found_by_their_entry_point(
     metadata.mkdir()
     (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: eal-test-package\nVersion: 1\n", encoding="utf-8")
     (metadata / "entry_points.txt").write_text(
-        "[eal_actors.plugins]\nprobe = eal_test_package.probe\nghost = eal_test_package.ghost\n", encoding="utf-8"
+        "[eal_actors.plugins]\nprobe = eal_test_package.probe\nghost = eal_test_package.ghost\ngone = eal_gone\n",
+        encoding="utf-8",
     )
     monkeypatch.syspath_prepend(str(tmp_path / "site"))
     found, errors = discover([])
     assert found["probe"].folder == folder
     assert [error.message for error in errors] == [
-        "entry point 'ghost' names 'eal_test_package.ghost', which holds no plugin.yaml"
+        "entry point 'ghost' names 'eal_test_package.ghost', which holds no plugin.yaml",
+        "entry point 'gone' names 'eal_gone', which is not installed (`pip install -e` cannot: use plugin_dirs)",
     ]
 
 
