@@ -204,7 +204,7 @@ def _calibrate(fleet: Fleet, name: str, test: _SquareTest) -> _CalibrationResult
     robot = fleet[name]
     wheelbase_m = test.wheelbase_m or wheelbase_of(robot)
     if wheelbase_m is None:
-        raise ArgumentError("has no wheelbase_m: give it with --wheelbase").at(name, "Base")
+        raise ArgumentError("its Base has no wheelbase_m: give it with --wheelbase").at(name)
     known = calibration_of_base(robot)
     if test.ends is not None:
         fit = fit_squares(test.ends, test.side_m, wheelbase_m, known or NOMINAL)
@@ -279,7 +279,7 @@ def _print_notes(
         if (files := written.get(result.robot)) is not None:
             how = ", now included by the fleet file" if files.includes else ""
             print_line(console, f"{result.robot}: {short_path(files.file)}{how}", "dim")
-    if not write:
+    if not write and any(result.known is not None for result in results):
         print_line(console, "Nothing was written; --write saves the calibration.", "dim")
 
 

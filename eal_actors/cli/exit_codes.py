@@ -119,6 +119,8 @@ def _advice(error: errors.EALError) -> str:
         return SEE_PORT
     if isinstance(error, errors.RobotFailedError | errors.UnavailableError) and "abandoned" in error.message:
         return SEE_BLOCKING
+    if isinstance(error, errors.ArgumentError) and error.resource is None:
+        return ""  # no command of a resource: its message says what to correct
     return advise_on_device(error.message) or _row(error)[2]
 
 

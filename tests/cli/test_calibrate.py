@@ -13,6 +13,7 @@ from eal_actors.device.differential_base import WheelCalibration
 from eal_actors.lab.calibration.square import SquareEnds, square_end, write_square_ends
 from eal_actors.managers.config import EALConfigManager
 from tests.cli.conftest import Program, Write
+from tests.plugin_files import write_plugin
 
 FLEET = """\
 version: 1
@@ -99,6 +100,27 @@ def test_a_robot_that_is_measured_by_a_person(eal: Program, write: Write) -> Non
     error = json.loads(cut.stdout)["error"]
     assert "no answer where rob ended" in error["message"]
     assert error["advice"] == "Run the command on a terminal, or name a file with --ends."
+
+
+WHEELLESS = """\
+from eal_actors.plugin import EALPlugin, Resource, ResourceType
+class Base(Resource):
+    types = ResourceType.ACTUATOR
+"""
+
+
+def test_a_base_of_which_nothing_is_known(eal: Program, write: Write, ends: Path) -> None:
+    lab = write("lab.yaml", "version: 1\nplugin_dirs: [plugins]\nrobots: {rob: {plugins: {wheelless: {}}}}\n")
+    write_plugin(lab.parent, "wheelless", WHEELLESS, "Base")
+    arguments = ["calibrate", "--fleet", lab, "--robot", "rob", "--ends", ends]
+    refused = eal(*arguments)
+    assert refused.exit_code == 2
+    assert "rob: its Base has no wheelbase_m: give it with --wheelbase" in refused.stderr
+    assert "eal resources" not in refused.stderr  # it lists nothing that would help
+    found = eal(*arguments, "--wheelbase", 0.258)
+    assert found.exit_code == 0
+    assert "its Base cannot be calibrated" in found.stdout
+    assert "--write" not in found.stdout
 
 
 @pytest.mark.parametrize(
