@@ -25,6 +25,7 @@ from eal_actors.managers.network_model import DEFAULT_NETWORK, NetworkConfig
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import decode_call
 from eal_actors.wire.format.parts import BEGINS_PART, PartStore
+from eal_actors.wire.security.expiry import certificate_warnings
 from eal_actors.wire.security.key_watch import WATCH_PERIOD_S, KeyWatch
 from eal_actors.wire.security.revocation import revoke
 from eal_actors.wire.session import open_session
@@ -45,13 +46,16 @@ class SessionKeeper(EALActor):
     def __init__(self, name: str, network: NetworkConfig, configure: Callable[[], dict[str, Any]]) -> None:
         super().__init__(f"{name} session", REAL_TIME)
         self._configure = configure
+        self._warnings = partial(certificate_warnings, network.security, name)
         self._keys = KeyWatch(None if network.security is None else network.security.keys, name)
         self._on_session: Callable[[zenoh.Session], None] = lambda _: None
         self._stack = ExitStack()
         self._is_stuck = False
 
     def open(self) -> zenoh.Session:
-        """Open the first session; see open_session. Thread: blocks the caller."""
+        """Open a session; see open_session. Thread: blocks the caller."""
+        for warning in self._warnings():
+            get_logger(actor=self.name).warning(warning)
         return self._stack.enter_context(open_session(self._configure(), on_stuck=self._replace_soon))
 
     def follow(self, on_session: Callable[[zenoh.Session], None]) -> None:

@@ -37,6 +37,7 @@ from eal_actors.wire.security.key_watch import KeyWatch
 from eal_actors.wire.security.revocation import REVOKED, revoked_names
 from eal_actors.wire.session import controller_config, open_session, router_config
 from eal_actors.wire.session_keeper import router_session
+from tests.log_lines import log_lines
 from tests.net.links import ask, eventually, free_port
 from tests.net.rig import Rig, ready
 from tests.operate.dashboard.rig import open_dashboard, page_of
@@ -326,8 +327,9 @@ def test_what_is_about_to_expire_is_renewed_and_warned_of(site: Site, monkeypatc
     later = expiry.validity(certificate_file(site.keys, "r1"))[1] - timedelta(hours=1, minutes=1)
     monkeypatch.setattr(expiry, "wall_time", lambda: later)
     monkeypatch.setattr("eal_actors.cli.keys_lifetime.wall_time", lambda: later)
-    with site.served(), raw_client(site.rig.config, "controller") as controller:
+    with log_lines() as log, site.served(), raw_client(site.rig.config, "controller") as controller:
         (warning,) = controller.ping()["warnings"]
+        assert warning in log.getvalue()
         assert warning.startswith("the certificate r1 expires in 1 hours (")
         assert warning.endswith("): eal keys renew r1")
     code, output = invoke("keys", "renew", "--fleet", str(site.rig.file))

@@ -128,6 +128,15 @@ def test_a_controller_without_tls_reaches_nothing(secure: Secure) -> None:
     assert obeys(secure)
 
 
+def test_a_controller_learns_that_its_certificate_has_expired(secure: Secure, monkeypatch: pytest.MonkeyPatch) -> None:
+    with expired(monkeypatch):
+        make_certificate(secure.keys, "controller", force=True)
+
+    renew = r"; the certificate controller has expired \(.*\): eal keys renew controller"
+    with Fleet(secure.config) as fleet, pytest.raises(UnavailableError, match=renew):
+        fleet["r1"]["SampleResource"].set_value(3)
+
+
 @pytest.mark.parametrize("version", [ssl.TLSVersion.TLSv1, ssl.TLSVersion.TLSv1_1])
 @pytest.mark.filterwarnings("ignore:ssl.TLSVersion:DeprecationWarning")
 def test_old_versions_of_tls_are_refused(secure: Secure, version: ssl.TLSVersion) -> None:

@@ -15,11 +15,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Final, Literal, Self
 
-from eal_actors.kernel.errors import AccessDeniedError, ConfigError, Problem, ProtocolError
+from eal_actors.kernel.errors import AccessDeniedError, ProtocolError
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import Grant, SecurityConfig
 from eal_actors.wire.format import keys
-from eal_actors.wire.security.certificates import AUTHORITY, certificate_file, key_file
+from eal_actors.wire.security.certificates import check_keys, files_of
 from eal_actors.wire.security.revocation import revoked_names
 
 OBSERVER_METHODS: Final = ("get_status", "get_value", "send_req", "read_comm", "get_config", keys.INFO)
@@ -46,14 +46,9 @@ _FLOWS: Final[tuple[_Flow, _Flow]] = ("ingress", "egress")
 
 
 def tls_config(security: SecurityConfig, name: str) -> dict[str, Any]:
-    """Return the section `transport/link/tls` for this end's certificate; ConfigError if a file of it is missing."""
-    certificate, key = certificate_file(security.keys, name), key_file(security.keys, name)
-    authority = certificate_file(security.keys, AUTHORITY)
-    missing = [file for file in (authority, certificate, key) if not file.is_file()]
-    if missing:
-        hint = "is missing; make it with `eal keys` on the machine with the fleet's authority, then copy it here"
-        raise ConfigError([Problem(str(file), 0, 0, "", hint) for file in missing])
-    ca, pem, secret = (str(file.resolve()) for file in (authority, certificate, key))
+    """Return the section `transport/link/tls` for this end's certificate; ConfigError if a file of it is of no use."""
+    check_keys(security.keys, name)
+    ca, pem, secret = (str(file.resolve()) for file in files_of(security.keys, name))
     return {
         "root_ca_certificate": ca,
         "listen_certificate": pem,

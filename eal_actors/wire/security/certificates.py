@@ -10,14 +10,16 @@ import contextlib
 import ipaddress
 import os
 import re
-from collections.abc import Iterable
+import ssl
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from eal_actors.kernel.clock import wall_time
-from eal_actors.kernel.errors import file_error
+from eal_actors.kernel.errors import ConfigError, Problem, file_error
 from eal_actors.kernel.strict_model import NAME_PATTERN
 from eal_actors.managers.fleet_model import FleetConfig
 
@@ -81,6 +83,37 @@ def certificate_file(folder: Path, name: str) -> Path:
 def key_file(folder: Path, name: str) -> Path:
     """Return the path of a private key."""
     return folder / f"{name}.key"
+
+
+def files_of(folder: Path, name: str) -> tuple[Path, Path, Path]:
+    """Return the files that an end needs: the authority's certificate, its own, and its key."""
+    return certificate_file(folder, AUTHORITY), certificate_file(folder, name), key_file(folder, name)
+
+
+def check_keys(folder: Path, name: str) -> None:
+    """Raise ConfigError if a certificate of this name, its key or the authority's certificate cannot be used."""
+    authority, certificate, key = files = files_of(folder, name)
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    problems = [problem for file in files for problem in _try(file, file.read_bytes)]
+    if not problems:
+        load = partial(context.load_cert_chain, certificate, key, password="")  # an encrypted key must not ask for it
+        problems += _try(authority, partial(context.load_verify_locations, authority))
+        problems += _try(key, load, f"does not fit {certificate.name}, or one of both is damaged")
+    if problems:
+        raise ConfigError(problems)
+
+
+def _try(file: Path, use: Callable[[], object], wrong: str = "is damaged") -> Iterator[Problem]:
+    """Yield a problem if a file of keys cannot be used."""
+    copy = "make it with `eal keys` on the machine with the fleet's authority, then copy it here"
+    try:
+        use()
+    except FileNotFoundError:
+        yield Problem(str(file), 0, 0, "", f"is missing; {copy}")
+    except ssl.SSLError:
+        yield Problem(str(file), 0, 0, "", f"{wrong}; {copy}")
+    except OSError as error:
+        yield Problem(str(file), 0, 0, "", f"cannot be read: {error.strerror}")
 
 
 def make_authority(folder: Path, fleet: str, *, force: bool = False) -> Certificate:

@@ -71,8 +71,8 @@ def time_left(ends: datetime, now: datetime) -> str:
     return f"in {left.days} days" if left >= timedelta(days=2) else f"in {int(left.total_seconds() // 3600)} hours"
 
 
-def certificate_warnings(security: SecurityConfig | None, name: str) -> list[str]:
-    """Return a warning if this end's certificate or the authority's has expired or is about to."""
+def certificate_warnings(security: SecurityConfig | None, name: str, *, only_invalid: bool = False) -> list[str]:
+    """Return a warning if this end's certificate or the authority's is not valid or, else, is about to expire."""
     found: list[str] = []
     if security is None:
         return found
@@ -80,7 +80,11 @@ def certificate_warnings(security: SecurityConfig | None, name: str) -> list[str
     for owner in (name, AUTHORITY):
         with suppress(OSError, ValueError):
             begins, ends = validity(certificate_file(security.keys, owner))
-            if expires_soon(begins, ends, now):
-                command = "eal keys init --force" if owner == AUTHORITY else f"eal keys renew {owner}"
+            command = "eal keys init --force" if owner == AUTHORITY else f"eal keys renew {owner}"
+            if now < begins:
+                found.append(f"the certificate {owner} is not valid before {begins:%Y-%m-%d}: correct this clock")
+            elif ends <= now:
+                found.append(f"the certificate {owner} has expired ({ends:%Y-%m-%d}): {command}")
+            elif not only_invalid and expires_soon(begins, ends, now):
                 found.append(f"the certificate {owner} expires {time_left(ends, now)} ({ends:%Y-%m-%d}): {command}")
     return found

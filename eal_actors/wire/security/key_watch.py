@@ -5,14 +5,15 @@ Only a complete change counts: the files are unchanged for one period, and the c
 
 from __future__ import annotations
 
-import ssl
+import contextlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
 from typing_extensions import override
 
-from eal_actors.wire.security.certificates import AUTHORITY, certificate_file, key_file
+from eal_actors.kernel.errors import ConfigError
+from eal_actors.wire.security.certificates import check_keys, files_of
 from eal_actors.wire.security.revocation import REVOKED
 
 WATCH_PERIOD_S: Final = 0.5
@@ -48,23 +49,20 @@ class KeyWatch(FileWatch):
     """Watches the authority's certificate, a pair of keys and the revoked names, if there is a folder."""
 
     def __init__(self, folder: Path | None, name: str) -> None:
-        files: tuple[Path, ...] = ()
-        if folder is not None:
-            self._pair = certificate_file(folder, name), key_file(folder, name)
-            files = (certificate_file(folder, AUTHORITY), *self._pair, folder / REVOKED)
-        super().__init__(files)
+        self._folder, self._name = folder, name
+        super().__init__(() if folder is None else (*files_of(folder, name), folder / REVOKED))
 
     @override
     def has_changed(self) -> bool:
         return super().has_changed() and self._fits()
 
     def _fits(self) -> bool:
-        """Return whether the certificate and its key can be used, so that no link is closed in vain."""
-        try:
-            ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(*self._pair)
-        except (OSError, ssl.SSLError):
-            return False
-        return True
+        """Return whether the certificates and the key can be used, so that no link is closed in vain."""
+        with contextlib.suppress(ConfigError):
+            if self._folder is not None:
+                check_keys(self._folder, self._name)
+            return True
+        return False
 
 
 def _version(file: Path) -> int:

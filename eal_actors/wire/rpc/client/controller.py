@@ -272,7 +272,12 @@ class Controller(EALActor):
             return f"cannot be reached: no router answers at {', '.join(self._network['connect']['endpoints'])}"
         others = self.foreign.describe()
         what = f"; robots of another fleet do, which only its own file commands: {others}" if others else ""
-        return f"does not answer at {address}{what}"
+        return f"does not answer at {address}{what}{self._why_refused()}"
+
+    def _why_refused(self) -> str:
+        """Return why no robot accepts this program, as the end of a reason; nothing if its certificate is valid."""
+        wrong = certificate_warnings(self._config.network.security, self._caller, only_invalid=True)
+        return "".join(f"; {warning}" for warning in wrong)
 
     def is_alive(self, robot: str) -> bool:
         """Return whether the robot's liveliness token is there, with our protocol version."""
@@ -336,7 +341,7 @@ class Controller(EALActor):
         if listener is not None and is_alive:
             listener.on_alive(version)
         elif listener is not None:
-            listener.on_gone("is unreachable")
+            listener.on_gone(f"is unreachable{self._why_refused()}")
 
     def _on_reply(self, robot: str, envelope: bytes, payload: bytes) -> None:
         if (listener := self._listeners.get(robot)) is not None:

@@ -10,7 +10,9 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from eal_actors.kernel.clock import wall_time
 from eal_actors.kernel.errors import ConfigError
-from eal_actors.wire.security.certificates import list_certificates, make_authority, make_certificate
+from eal_actors.managers.network_model import SecurityConfig
+from eal_actors.wire.security import expiry
+from eal_actors.wire.security.certificates import check_keys, list_certificates, make_authority, make_certificate
 
 
 def read(file: Path) -> x509.Certificate:
@@ -128,3 +130,54 @@ def test_the_list_begins_with_the_authority(folder: Path) -> None:
     assert [certificate.days_left for certificate in found] == [3649, 824, 824]
     with pytest.raises(ConfigError, match="no such folder; `eal keys init` makes it"):
         list_certificates(folder / "nowhere")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "problem"),
+    [
+        ("ca.pem", None, "is missing; make it"),
+        ("ca.pem", "half", "is damaged; make it"),
+        ("r1.pem", None, "is missing; make it"),
+        ("r1.key", None, "is missing; make it"),
+        ("r1.key", "half", "does not fit r1.pem, or one of both is damaged; make it"),
+        ("r1.key", "empty", "does not fit r1.pem, or one of both is damaged; make it"),
+        ("r1.key", "r2.key", "does not fit r1.pem, or one of both is damaged; make it"),
+        ("r1.key", "folder", "cannot be read: Is a directory"),
+    ],
+)
+def test_keys_that_cannot_be_used_are_reported(folder: Path, name: str, content: str | None, problem: str) -> None:
+    make_certificate(folder, "r1")
+    make_certificate(folder, "r2")
+    check_keys(folder, "r1")
+    file = folder / name
+    whole = file.read_text()
+    file.unlink()
+    match content:
+        case "half":
+            file.write_text(whole[: len(whole) // 2])
+        case "empty":
+            file.touch()
+        case "folder":
+            file.mkdir()
+        case str():
+            file.write_bytes((folder / content).read_bytes())
+    with pytest.raises(ConfigError) as error:
+        check_keys(folder, "r1")
+    assert str(error.value).startswith(f"{file}: {problem}")
+
+
+def test_warnings_say_whether_a_certificate_expires_or_has_expired(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made, security = make_certificate(folder, "r1", valid=timedelta(days=100)), SecurityConfig(folder, "r1", ())
+    for when, told, refused in (
+        (made.begins - timedelta(seconds=1), f"is not valid before {made.begins:%Y-%m-%d}: correct this clock", True),
+        (made.begins + timedelta(days=60), None, False),
+        (made.expires - timedelta(days=3), f"expires in 3 days ({made.expires:%Y-%m-%d}): eal keys renew r1", False),
+        (made.expires, f"has expired ({made.expires:%Y-%m-%d}): eal keys renew r1", True),
+    ):
+        monkeypatch.setattr(expiry, "wall_time", lambda now=when: now)
+        warnings = [] if told is None else [f"the certificate r1 {told}"]
+        assert [it for it in expiry.certificate_warnings(security, "r1") if "r1" in it] == warnings
+        invalid = expiry.certificate_warnings(security, "r1", only_invalid=True)
+        assert [it for it in invalid if "r1" in it] == warnings * refused
