@@ -36,7 +36,7 @@ def _refuse_other_than_one(value: object) -> object:
 LoopList = Annotated[tuple[Value, ...], Field(strict=False, json_schema_extra=MIN_ITEMS), NOT_EMPTY]
 LoopValues = Annotated[
     Annotated[LoopList, Tag("list")] | Annotated[WholeExpression, Tag("expression")],
-    Discriminator(lambda value: "expression" if isinstance(value, str) else "list"),
+    Discriminator(lambda value: "expression" if isinstance(value, str) and "${" in value else "list"),
 ]
 
 

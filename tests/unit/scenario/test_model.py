@@ -104,6 +104,10 @@ def test_the_environment_has_no_say(tmp_path: Path, monkeypatch: pytest.MonkeyPa
             "5:15: steps[0].for: must name one variable, not 2; write a loop inside a loop for more",
         ),
         (
+            "steps: [{for: {a: r45}, do: [{log: x}]}]",
+            "5:19: steps[0].for.a: must be a list, not 'r45'",
+        ),
+        (
             "steps: [{for: {a: [{}]}, do: [{log: x}]}]",
             "5:20: steps[0].for.a[0]: must be text, a number, true, false or a list of them, not a mapping",
         ),
