@@ -1,7 +1,5 @@
 """The camera plugin: one camera of a robot, with any source of pictures (Source: thesis §6.2.2)."""
 
-# ruff: noqa: N802  # the plugin API requires names such as create_Camera
-
 from __future__ import annotations
 
 import shutil
@@ -10,7 +8,7 @@ from typing import Final, Self
 
 from pydantic import field_validator, model_validator
 
-from eal_actors.plugin import EALPlugin, Field, PluginContext, PluginError, PluginSettingsModel
+from eal_actors.plugin import FactoryPlugin, Field, PluginContext, PluginError, PluginSettingsModel
 
 from .camera import KINDS, Camera, Format, Mount
 from .reader import ReaderOptions, SourceReader
@@ -81,15 +79,7 @@ class Settings(PluginSettingsModel):
         return {key: value for key, value in wishes.items() if value is not None}
 
 
-class CameraPlugin(EALPlugin):
-    """A plugin with one source of pictures."""
-
-    def __init__(self, source: PictureSource) -> None:
-        super().__init__("Camera")
-        self.source = source
-
-
-def connect(context: PluginContext) -> CameraPlugin:
+def connect(context: PluginContext) -> FactoryPlugin:
     """Check the source. An unplugged camera is no error: it is not ready.
 
     Raises:
@@ -110,17 +100,16 @@ def connect(context: PluginContext) -> CameraPlugin:
             source.opener(loop=settings.loop, fps=settings.fps, fourcc=None, timeout_s=settings.timeout_s)().release()
         except OSError as error:
             raise PluginError(f"source {source.name!r}: {error}") from error
-    return CameraPlugin(source)
+    return FactoryPlugin({"Camera": lambda: _camera(context, source)})
 
 
-def disconnect(plugin: CameraPlugin) -> None:
+def disconnect(plugin: FactoryPlugin) -> None:
     """Do nothing: the resource has closed its source."""
 
 
-def create_Camera(context: PluginContext) -> Camera:
+def _camera(context: PluginContext, source: PictureSource) -> Camera:
     """Create the resource, with its own reader."""
     settings: Settings = context.settings
-    source: PictureSource = context.plugin.source
     options = ReaderOptions(
         name=source.name,
         patience_s=settings.timeout_s,
@@ -131,7 +120,3 @@ def create_Camera(context: PluginContext) -> Camera:
     opener = source.opener(loop=settings.loop, fps=settings.fps, fourcc=settings.fourcc, timeout_s=settings.timeout_s)
     mount = Mount(f"{context.robot}/camera", settings.fov_deg, settings.offset_m)
     return KINDS[settings.format](SourceReader(opener, options, context.clock), mount)
-
-
-def destroy_Camera(resource: Camera) -> None:
-    """Do nothing: `close` has closed the source."""

@@ -1,7 +1,5 @@
 """The start of the plugins of both EvBots: settings, the port, and the first greeting."""
 
-# ruff: noqa: N802  # the plugin API requires names such as create_Base
-
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -11,8 +9,7 @@ from pydantic import model_validator
 
 from eal_actors.plugin import (
     BytePort,
-    Drivetrain,
-    EALPlugin,
+    FactoryPlugin,
     Field,
     OdometryNoise,
     PluginContext,
@@ -23,7 +20,6 @@ from eal_actors.plugin import (
     WheelCalibration,
 )
 
-from .base import Base
 from .codec import Codec
 from .firmware import BaseEmulator
 from .messages import WATCHDOG_MS, BaseReply, BaseRequest, OrderChannel
@@ -56,43 +52,39 @@ class SessionSettings(PluginSettingsModel):
         return self
 
 
-class EvBotPlugin(EALPlugin):
+class EvBotPlugin(FactoryPlugin):
     """An EvBot at the other end of a port.
 
-    Attributes:
+    Args:
+        context: of the plugin.
         session: the session with the base.
-        drivetrain: the parameters of its base.
+        odometer: counts its wheels.
+        base: makes the base.
+        others: make what only this EvBot has.
     """
 
-    def __init__(self, session: BaseSession, odometer: Odometer, drivetrain: Drivetrain, *names: str) -> None:
-        super().__init__(*names)
+    def __init__(
+        self,
+        context: PluginContext,
+        session: BaseSession,
+        odometer: Odometer,
+        base: Callable[[], Resource],
+        **others: Callable[[], Resource],
+    ) -> None:
+        super().__init__(
+            {
+                "Base": base,
+                "Odometry": lambda: Odometry(session, odometer),
+                "Pose": lambda: PoseResource(context.localizer, context.clock),
+                **others,
+            }
+        )
         self.session = session
-        self.odometer = odometer
-        self.drivetrain = drivetrain
 
 
 def disconnect(plugin: EvBotPlugin) -> None:
     """Close the port; the base is stopped already."""
     plugin.session.close()
-
-
-def create_Base(context: PluginContext) -> Base:
-    """Create the base."""
-    return Base(context.plugin.session, context.plugin.odometer, context.plugin.drivetrain, context)
-
-
-def create_Odometry(context: PluginContext) -> Odometry:
-    """Create the odometry."""
-    return Odometry(context.plugin.session, context.plugin.odometer)
-
-
-def create_Pose(context: PluginContext) -> PoseResource:
-    """Create the pose estimate."""
-    return PoseResource(context.localizer, context.clock)
-
-
-def destroy(resource: Resource) -> None:
-    """Do nothing: the plugin owns the session."""
 
 
 def open_base_port(

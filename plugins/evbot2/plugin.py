@@ -1,17 +1,20 @@
 """The evbot2 plugin: a tracked base over a serial line (Source: thesis §6.1.1)."""
 
-# ruff: noqa: N816  # the plugin API requires names such as create_Base
-
 from __future__ import annotations
 
 from typing import Final, Literal
 
 from eal_actors.plugin import Drivetrain, Field, OdometryNoise, PluginContext, open_serial
 
-from . import connecting
+from .base import Base
+from .connecting import EvBotPlugin, SessionSettings, disconnect, open_base_port, start_session
 from .emulator import TRACKS, simulated_evbot2
 from .messages import OrderChannel
+from .odometry import Odometer
 from .protocol import BAUD_RATE, MODEL, host_codec
+from .session import BaseSession
+
+__all__ = ["Settings", "connect", "disconnect"]
 
 DRIVETRAIN: Final = Drivetrain(
     "evbot2", TRACKS.track_m, 0.25, TRACKS.max_speed_m_s, 60.0, 120.0, TRACKS.acceleration_m_s2, 0.18
@@ -22,7 +25,7 @@ NOISE: Final = OdometryNoise(DRIVETRAIN.track_m, 0.004, 0.006, scale_share=0.01,
 """Its tracks skid: they turn less than they count, by how much depends on the floor."""
 
 
-class Settings(connecting.SessionSettings):
+class Settings(SessionSettings):
     """The plugin's settings in the fleet file."""
 
     port: str = Field(min_length=1)
@@ -35,7 +38,7 @@ class Settings(connecting.SessionSettings):
     """Level of the control line RTS."""
 
 
-def connect(context: PluginContext) -> connecting.EvBotPlugin:
+def connect(context: PluginContext) -> EvBotPlugin:
     """Open the port and greet the base; an absent base is not ready, and greeted when it appears.
 
     Raises:
@@ -44,19 +47,18 @@ def connect(context: PluginContext) -> connecting.EvBotPlugin:
     Thread: the robot's; see open_base_port and start_session.
     """
     settings: Settings = context.settings
-    port = connecting.open_base_port(
+    port = open_base_port(
         context,
         settings.port,
         DRIVETRAIN.name,
         simulated_evbot2,
         lambda: open_serial(settings.port, baudrate=settings.baudrate, dtr=settings.dtr, rts=settings.rts),
     )
-    session, odometer = connecting.start_session(
-        context, port, host_codec(), model=MODEL, channels=(OrderChannel.WHEELS,), noise=NOISE
-    )
-    return connecting.EvBotPlugin(session, odometer, DRIVETRAIN, "Base", "Odometry", "Pose")
+    channels = (OrderChannel.WHEELS,)
+    session, odometer = start_session(context, port, host_codec(), model=MODEL, channels=channels, noise=NOISE)
+    return plugin_of(context, session, odometer)
 
 
-disconnect, create_Base, create_Odometry = connecting.disconnect, connecting.create_Base, connecting.create_Odometry
-create_Pose = connecting.create_Pose
-destroy_Base = destroy_Odometry = destroy_Pose = connecting.destroy
+def plugin_of(context: PluginContext, session: BaseSession, odometer: Odometer) -> EvBotPlugin:
+    """Return the plugin of a session."""
+    return EvBotPlugin(context, session, odometer, lambda: Base(session, odometer, DRIVETRAIN, context))

@@ -1,7 +1,5 @@
 """The evbot3 plugin: two wheels and a turret over a wireless network (Source: thesis §6.1.2)."""
 
-# ruff: noqa: N802, N816  # the plugin API requires names such as create_Base
-
 from __future__ import annotations
 
 from typing import Final
@@ -11,12 +9,16 @@ from pydantic import field_validator
 
 from eal_actors.plugin import BytePort, Drivetrain, Field, OdometryNoise, PluginContext, UdpPort, open_tcp
 
-from ..evbot2 import connecting
+from ..evbot2.connecting import EvBotPlugin, SessionSettings, disconnect, open_base_port, start_session
 from ..evbot2.messages import OrderChannel
+from ..evbot2.odometry import Odometer
+from ..evbot2.session import BaseSession
 from .emulator import WHEELS, simulated_evbot3
 from .protocol import MODEL, host_codec
 from .sensors import Battery, Bump, BumperBase
 from .turret import Turret
+
+__all__ = ["Settings", "connect", "disconnect"]
 
 DRIVETRAIN: Final = Drivetrain(
     "evbot3", WHEELS.track_m, 0.35, WHEELS.max_speed_m_s, 90.0, 150.0, WHEELS.acceleration_m_s2
@@ -29,7 +31,7 @@ NOISE: Final = OdometryNoise(DRIVETRAIN.track_m, 0.001, 0.003, scale_share=0.005
 _CONNECT_TIMEOUT_S: Final = 2.0
 
 
-class Settings(connecting.SessionSettings):
+class Settings(SessionSettings):
     """The plugin's settings in the fleet file."""
 
     address: str = Field(min_length=1)
@@ -61,7 +63,7 @@ def _open(address: str) -> BytePort:
     return UdpPort(host, port) if scheme == "udp" else open_tcp(host, port, _CONNECT_TIMEOUT_S)
 
 
-def connect(context: PluginContext) -> connecting.EvBotPlugin:
+def connect(context: PluginContext) -> EvBotPlugin:
     """Open the port and greet the base; an absent base is not ready, and greeted when it appears.
 
     Raises:
@@ -71,35 +73,21 @@ def connect(context: PluginContext) -> connecting.EvBotPlugin:
     """
     settings: Settings = context.settings
     address = settings.address
-    port = connecting.open_base_port(context, address, DRIVETRAIN.name, simulated_evbot3, lambda: _open(address))
+    port = open_base_port(context, address, DRIVETRAIN.name, simulated_evbot3, lambda: _open(address))
     channels = (OrderChannel.WHEELS, OrderChannel.TURRET)
     codec = host_codec()
-    session, odometer = connecting.start_session(context, port, codec, model=MODEL, channels=channels, noise=NOISE)
-    return connecting.EvBotPlugin(
-        session, odometer, DRIVETRAIN, "Base", "Odometry", "Pose", "Turret", "Bump", "Battery"
+    session, odometer = start_session(context, port, codec, model=MODEL, channels=channels, noise=NOISE)
+    return plugin_of(context, session, odometer)
+
+
+def plugin_of(context: PluginContext, session: BaseSession, odometer: Odometer) -> EvBotPlugin:
+    """Return the plugin of a session."""
+    return EvBotPlugin(
+        context,
+        session,
+        odometer,
+        lambda: BumperBase(session, odometer, DRIVETRAIN, context),
+        Turret=lambda: Turret(session),
+        Bump=lambda: Bump(session),
+        Battery=lambda: Battery(session),
     )
-
-
-def create_Base(context: PluginContext) -> BumperBase:
-    """Create the base."""
-    return BumperBase(context.plugin.session, context.plugin.odometer, context.plugin.drivetrain, context)
-
-
-def create_Turret(context: PluginContext) -> Turret:
-    """Create the turret."""
-    return Turret(context.plugin.session)
-
-
-def create_Bump(context: PluginContext) -> Bump:
-    """Create the bumpers."""
-    return Bump(context.plugin.session)
-
-
-def create_Battery(context: PluginContext) -> Battery:
-    """Create the battery."""
-    return Battery(context.plugin.session)
-
-
-disconnect, create_Odometry = connecting.disconnect, connecting.create_Odometry
-create_Pose = connecting.create_Pose
-destroy_Base = destroy_Odometry = destroy_Pose = destroy_Turret = destroy_Bump = destroy_Battery = connecting.destroy

@@ -1,12 +1,10 @@
 """The evbotos plugin: updates of the machine that runs the robot's process."""
 
-# ruff: noqa: N802  # the plugin API requires names such as create_Update
-
 from __future__ import annotations
 
 from pathlib import Path
 
-from eal_actors.plugin import EALPlugin, Field, PluginContext, PluginSettingsModel
+from eal_actors.plugin import FactoryPlugin, Field, PluginContext, PluginSettingsModel
 
 from .root_side import RootSide
 from .update import Update
@@ -21,20 +19,13 @@ class Settings(PluginSettingsModel):
     """The folder where EvBotOS describes its image."""
 
 
-def connect() -> EALPlugin:
+def connect(context: PluginContext) -> FactoryPlugin:
     """Name the resource."""
-    return EALPlugin("Update")
-
-
-def disconnect(plugin: EALPlugin) -> None:
-    """Do nothing."""
-
-
-def create_Update(context: PluginContext) -> Update:
-    """Create the resource."""
     settings: Settings = context.settings
-    return Update(RootSide(Path(settings.state), context.clock), Path(settings.about))
+    return FactoryPlugin(
+        {"Update": lambda: Update(RootSide(Path(settings.state), context.clock), Path(settings.about))}
+    )
 
 
-def destroy_Update(resource: Update) -> None:
-    """Do nothing; `close` ended the connection."""
+def disconnect(plugin: FactoryPlugin) -> None:
+    """Do nothing; the resource has closed its connection."""

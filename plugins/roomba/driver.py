@@ -57,8 +57,6 @@ class RoombaDriver(Listener):
     Thread: any; one lock, which is never held during a wait.
     """
 
-    protocol: ClassVar[str]
-    """The protocol's name in the settings."""
     ways: ClassVar[Mapping[Mode, tuple[int, Mode]]]
     """From each mode, the op code that leads to the next, and that mode."""
     count_m: ClassVar[float]

@@ -53,7 +53,6 @@ _SILENT_S: Final = 0.2  # without a frame in a motion, the interface is started 
 class OiDriver(RoombaDriver):
     """Drives a Roomba that streams its sensors, reports its mode, and never resets its encoders."""
 
-    protocol = "oi"
     ways = MappingProxyType(
         {
             Mode.OFF: (Op.START, Mode.PASSIVE),

@@ -1,13 +1,8 @@
 """The roomba plugin: iRobot's Roombas and the Create 2 over a serial interface (Source: thesis §6.1.3)."""
 
-# ruff: noqa: N802, N816  # create_Base and its like are names of the plugin API
-
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TypeAlias
-
-from eal_actors.plugin import EALPlugin, OdometryNoise, PluginContext, PoseResource, Resource
+from eal_actors.plugin import FactoryPlugin, OdometryNoise, PluginContext, PoseResource
 
 from . import oi
 from .base import RoombaBase
@@ -35,26 +30,27 @@ from .settings import Settings
 
 __all__ = ["Settings", "connect", "disconnect"]
 
-ResourceKind: TypeAlias = Callable[[RoombaDriver], Resource]
 
-
-class RoombaPlugin(EALPlugin):
+class RoombaPlugin(FactoryPlugin):
     """A Roomba at the other end of a link."""
 
-    def __init__(self, roomba: RoombaDriver) -> None:
+    def __init__(self, context: PluginContext, roomba: RoombaDriver) -> None:
+        is_oi = isinstance(roomba, OiDriver)
         super().__init__(
-            "Base",
-            "Bump",
-            "Cliff",
-            "WheelDrop",
-            "Wall",
-            "Battery",
-            "Odometry",
-            "Pose",
-            "Buttons",
-            "Leds",
-            "Song",
-            "Power",
+            {
+                "Base": lambda: RoombaBase(roomba, context),
+                "Bump": lambda: RoombaBump(roomba),
+                "Cliff": lambda: RoombaCliff(roomba),
+                "WheelDrop": lambda: OiWheelDrop(roomba) if is_oi else SciWheelDrop(roomba),
+                "Wall": lambda: RoombaWall(roomba),
+                "Battery": lambda: RoombaBattery(roomba),
+                "Odometry": lambda: RoombaOdometry(roomba),
+                "Pose": lambda: PoseResource(context.localizer, context.clock),
+                "Buttons": lambda: OiButtons(roomba) if is_oi else SciButtons(roomba),
+                "Leds": lambda: OiLeds(roomba) if is_oi else SciLeds(roomba),
+                "Song": lambda: OiSong(roomba) if is_oi else RoombaSong(roomba),
+                "Power": lambda: RoombaPower(roomba),
+            }
         )
         self.roomba = roomba
 
@@ -84,7 +80,7 @@ def connect(context: PluginContext) -> RoombaPlugin:
     except BaseException:
         roomba.close()
         raise
-    return RoombaPlugin(roomba)
+    return RoombaPlugin(context, roomba)
 
 
 def disconnect(plugin: RoombaPlugin) -> None:
@@ -107,42 +103,3 @@ def _link(context: PluginContext, settings: Settings) -> RoombaLink:
         return SerialLink(port)
     mote = settings.motes()
     return MoteLink(port, context.clock, mote.framing(), mote.tries)
-
-
-def _creator(sci_kind: ResourceKind, oi_kind: ResourceKind | None = None) -> Callable[[PluginContext], Resource]:
-    """Return the function that creates a resource; `oi_kind` where it differs with the Open Interface."""
-    kinds = {"sci": sci_kind, "oi": oi_kind or sci_kind}
-
-    def create(context: PluginContext) -> Resource:
-        """Create the resource."""
-        return kinds[context.plugin.roomba.protocol](context.plugin.roomba)
-
-    return create
-
-
-def create_Base(context: PluginContext) -> RoombaBase:
-    """Create the base."""
-    return RoombaBase(context.plugin.roomba, context)
-
-
-def _create_pose(context: PluginContext) -> PoseResource:
-    """Create the pose estimate."""
-    return PoseResource(context.localizer, context.clock)
-
-
-def destroy(resource: Resource) -> None:
-    """Do nothing: the Roomba belongs to the plugin."""
-
-
-destroy_Base = destroy
-create_Bump, destroy_Bump = _creator(RoombaBump), destroy
-create_Cliff, destroy_Cliff = _creator(RoombaCliff), destroy
-create_WheelDrop, destroy_WheelDrop = _creator(SciWheelDrop, OiWheelDrop), destroy
-create_Wall, destroy_Wall = _creator(RoombaWall), destroy
-create_Battery, destroy_Battery = _creator(RoombaBattery), destroy
-create_Odometry, destroy_Odometry = _creator(RoombaOdometry), destroy
-create_Pose, destroy_Pose = _create_pose, destroy
-create_Buttons, destroy_Buttons = _creator(SciButtons, OiButtons), destroy
-create_Leds, destroy_Leds = _creator(SciLeds, OiLeds), destroy
-create_Song, destroy_Song = _creator(RoombaSong, OiSong), destroy
-create_Power, destroy_Power = _creator(RoombaPower), destroy

@@ -42,7 +42,6 @@ _PROMPT_S: Final = 0.04  # a line with a longer delay is asked for all sensors a
 class SciDriver(RoombaDriver):
     """Drives a Roomba 4xx: it is polled, and each reading resets its counts of travel."""
 
-    protocol = "sci"
     ways = MappingProxyType(
         {
             Mode.OFF: (Op.START, Mode.PASSIVE),

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
-from typing import Any, Final
+from collections.abc import Generator
+from typing import Final
 
 from eal_actors.plugin import (
     Activity,
@@ -11,7 +11,7 @@ from eal_actors.plugin import (
     Clock,
     DataType,
     EALData,
-    PluginContext,
+    FactoryPlugin,
     ReopeningPort,
     Resource,
     ResourceType,
@@ -44,7 +44,7 @@ class Line(Resource):
     timeout_s: float = setting(TIMEOUT, "Longest wait of a read or a write.")
 
     def __init__(self, port: ReopeningPort, clock: Clock, timeout_s: float) -> None:
-        self._port = port
+        self.port = port
         self._clock = clock
         self.timeout_s = timeout_s
         self._waiting = bytearray()
@@ -53,7 +53,7 @@ class Line(Resource):
 
     def not_ready(self) -> str | None:
         """Return why the port is not open."""
-        return self._port.why_not_ready()
+        return self.port.why_not_ready()
 
     def get_status(self) -> int:
         """Return the number of bytes to read."""
@@ -98,16 +98,16 @@ class Line(Resource):
             try:
                 self._receive()
             except UnavailableError:  # not_ready reports it
-                self._port.why_not_ready()
+                self.port.why_not_ready()
             yield _IDLE_LOOK_S
 
     def send(self, data: memoryview) -> int:
         """Send as many bytes as possible now; return their number."""
-        return self._port.write(bytes(data[:_PIECE_BYTES]))
+        return self.port.write(bytes(data[:_PIECE_BYTES]))
 
     def _receive(self) -> None:
         while room := min(MOST_BYTES - len(self._waiting), _PIECE_BYTES):
-            piece = self._port.read(room)
+            piece = self.port.read(room)
             self._waiting += piece
             if len(piece) < room:
                 return
@@ -139,7 +139,7 @@ class Line(Resource):
                         break
                 if (left_s := end_s - self._clock.now()) <= 0:
                     raise UnavailableError(
-                        f"{self._port.name} took only {len(data) - len(rest)} of {len(data)} bytes, and then none for "
+                        f"{self.port.name} took only {len(data) - len(rest)} of {len(data)} bytes, and then none for "
                         f"{self.timeout_s:g} s"
                     )
                 yield min(LOOK_S, left_s)
@@ -148,24 +148,14 @@ class Line(Resource):
             self._writers.remove(turn)
 
 
-def resource_functions(module: str) -> Callable[[str], Callable[..., Any]]:
-    """Return the `__getattr__` of a plugin module whose settings name the one resource, `context.plugin.resource`.
+class PortPlugin(FactoryPlugin):
+    """A plugin with one resource, which the settings name."""
 
-    It resolves `create_<name>` and `destroy_<name>` for every name.
-    """
+    def __init__(self, name: str, line: Line) -> None:
+        super().__init__({name: lambda: line})
+        self.line = line
 
-    def create(context: PluginContext) -> Line:
-        resource: Line = context.plugin.resource
-        return resource
 
-    def destroy(resource: Line) -> None:
-        """Do nothing: the plugin owns the port."""
-
-    def find(name: str) -> Callable[..., Any]:
-        if name.startswith("create_"):
-            return create
-        if name.startswith("destroy_"):
-            return destroy
-        raise AttributeError(f"module {module!r} has no attribute {name!r}")
-
-    return find
+def disconnect(plugin: PortPlugin) -> None:
+    """Close the port."""
+    plugin.line.port.close()

@@ -12,7 +12,6 @@ from eal_actors.plugin import (
     BytePort,
     Clock,
     DataType,
-    EALPlugin,
     Field,
     PluginContext,
     PluginSettingsModel,
@@ -23,7 +22,9 @@ from eal_actors.plugin import (
     open_serial,
 )
 
-from .line import LOOK_S, Line, resource_functions
+from .line import LOOK_S, Line, PortPlugin, disconnect
+
+__all__ = ["Settings", "connect", "disconnect"]
 
 try:
     from termios import error as TerminalError  # noqa: N812  # a class
@@ -103,12 +104,11 @@ class SerialPort(Line):
     def __init__(self, url: str, framing: SerialFraming, clock: Clock, timeout_s: float) -> None:
         self._url = url
         self._framing = framing
-        self.port = ReopeningPort(self._open_port, clock, url)
-        super().__init__(self.port, clock, timeout_s)
+        super().__init__(ReopeningPort(self._open_port, clock, url), clock, timeout_s)
 
     def send(self, data: memoryview) -> int:
         """Send only the bytes of one poll interval, so that a stop need not wait for a full buffer."""
-        return self._port.write(bytes(data[: max(int(self._framing.bytes_per_s() * LOOK_S), 1)]))
+        return self.port.write(bytes(data[: max(int(self._framing.bytes_per_s() * LOOK_S), 1)]))
 
     baudrate, set_baudrate = _framing_key("baudrate", _BAUDRATE, "Bits per second.")
     bytesize, set_bytesize = _framing_key("bytesize", _BYTESIZE, "Data bits.")
@@ -136,7 +136,7 @@ class SerialPort(Line):
                     _apply(before, port)
                 raise ArgumentError(f"the port {self._url} cannot do {framing}: {error}") from error
 
-        self._port.use(change)
+        self.port.use(change)
         self._framing = framing
 
 
@@ -146,15 +146,7 @@ def _apply(framing: SerialFraming, port: Any) -> None:
             setattr(port, key, value)
 
 
-class SerialPlugin(EALPlugin):
-    """A plugin with one port."""
-
-    def __init__(self, name: str, resource: SerialPort) -> None:
-        super().__init__(name)
-        self.resource = resource
-
-
-def connect(context: PluginContext) -> SerialPlugin:
+def connect(context: PluginContext) -> PortPlugin:
     """Open the port; an absent port is opened when it appears.
 
     Raises:
@@ -166,12 +158,4 @@ def connect(context: PluginContext) -> SerialPlugin:
     framing = SerialFraming(**{key: getattr(settings, key) for key in SerialFraming.__dataclass_fields__})
     resource = SerialPort(settings.port, framing, context.clock, settings.timeout_s)
     resource.port.open()
-    return SerialPlugin(settings.name, resource)
-
-
-def disconnect(plugin: SerialPlugin) -> None:
-    """Close the port."""
-    plugin.resource.port.close()
-
-
-__getattr__ = resource_functions(__name__)
+    return PortPlugin(settings.name, resource)

@@ -1,19 +1,19 @@
 """The sim plugin: one robot in the world that all simulated robots of a fleet share."""
 
-# ruff: noqa: N802  # the plugin API derives these names from the resources
 from __future__ import annotations
 
 import importlib.util
 import math
 from collections.abc import Callable
-from typing import Any, Self, TypeVar
+from functools import partial
+from typing import Self
 
 from pydantic import model_validator
 from typing_extensions import override
 
 from eal_actors.device.world import WorldModel
 from eal_actors.plugin import (
-    EALPlugin,
+    FactoryPlugin,
     Field,
     PluginContext,
     PluginSettingsModel,
@@ -34,8 +34,6 @@ from .resources.lidar import LidarSettings
 from .resources.robot_resource import RobotResource, apply_faults
 from .robot import SimRobot
 from .world import SimWorld, world_of
-
-_R = TypeVar("_R", bound=RobotResource)
 
 __all__ = ["Settings", "SimPlugin", "connect", "disconnect", "open_camera", "open_port"]
 
@@ -136,13 +134,39 @@ def _warn_of_pictures() -> None:
     get_logger().warning("Camera is left out: pictures need OpenCV: pip install 'eal-actors[vision]'")
 
 
-class SimPlugin(EALPlugin):
+class SimPlugin(FactoryPlugin):
     """A robot in the fleet's simulated world."""
 
-    def __init__(self, world: SimWorld, robot: SimRobot, resources: tuple[str, ...]) -> None:
-        super().__init__(*resources)
+    def __init__(self, context: PluginContext, world: SimWorld, robot: SimRobot) -> None:
+        settings: Settings = context.settings
+        is_calibrated = settings.calibrated or settings.calibration != WheelCalibration()
+
+        def make(name: str) -> Resource:
+            kind: type[RobotResource] = getattr(resources, name)
+            own = (getattr(settings, kind.settings_key),) if kind.settings_key else ()
+            return apply_faults(kind(world, robot, *own), robot)
+
+        def make_pose() -> Resource:
+            pose = resources.Pose(world, robot, context.localizer, context.clock, is_calibrated=is_calibrated)
+            return apply_faults(pose, robot)
+
+        makers: dict[str, Callable[[], Resource]] = {name: partial(make, name) for name in _working(context)}
+        makers["Base"] = lambda: apply_faults(resources.Base(world, robot, context), robot)
+        makers["Pose"] = make_pose
+        makers["TruePose"] = lambda: resources.TruePose(world, robot)  # no fault affects it
+        makers["Faults"] = lambda: _faults(context, world, robot)
+        super().__init__(makers)
         self.world = world
         self.robot = robot
+
+
+def _faults(context: PluginContext, world: SimWorld, robot: SimRobot) -> resources.Faults:
+    """Create the faults; their plan outlives the resource, so that a restart does not begin it again."""
+    services = context.services
+    plan = services.shared(("sim.faults", context.robot), lambda: FaultPlan(context.settings.faults))
+    own = context.settings.resources
+    names = {"frozen": tuple(name for name in own if name in SENSORS), "failing": own}
+    return resources.Faults(world, robot, services.link(context.robot), plan, context.clock, names)
 
 
 def connect(context: PluginContext) -> SimPlugin:
@@ -165,7 +189,7 @@ def connect(context: PluginContext) -> SimPlugin:
     )
     beside = ("Faults", "TruePose")  # link faults do not affect these: they are not part of the robot
     context.services.link(context.robot).spare(beside + tuple(f"{context.instance}.{name}" for name in beside))
-    return SimPlugin(world, robot, _working(context))
+    return SimPlugin(context, world, robot)
 
 
 def disconnect(plugin: SimPlugin) -> None:
@@ -173,54 +197,3 @@ def disconnect(plugin: SimPlugin) -> None:
     with plugin.world.lock:
         plugin.world.catch_up()
         plugin.world.stop(plugin.robot)
-
-
-def _creator(kind: type[_R]) -> Callable[[PluginContext], _R]:
-    def create(context: PluginContext) -> _R:
-        """Create the resource."""
-        robot = context.plugin.robot
-        own = (getattr(context.settings, kind.settings_key),) if kind.settings_key else ()
-        return apply_faults(kind(context.plugin.world, robot, *own), robot)
-
-    return create
-
-
-def create_Base(context: PluginContext) -> resources.Base:
-    """Create the base."""
-    robot = context.plugin.robot
-    return apply_faults(resources.Base(context.plugin.world, robot, context), robot)
-
-
-def create_Pose(context: PluginContext) -> resources.Pose:
-    """Create the pose estimate."""
-    plugin, settings = context.plugin, context.settings
-    is_calibrated = settings.calibrated or settings.calibration != WheelCalibration()
-    pose = resources.Pose(plugin.world, plugin.robot, context.localizer, context.clock, is_calibrated=is_calibrated)
-    return apply_faults(pose, plugin.robot)
-
-
-def create_TruePose(context: PluginContext) -> resources.TruePose:
-    """Create the true pose, which no fault affects."""
-    return resources.TruePose(context.plugin.world, context.plugin.robot)
-
-
-def create_Faults(context: PluginContext) -> resources.Faults:
-    """Create the faults; their plan outlives the resource, so that a restart does not begin it again."""
-    services, robot = context.services, context.plugin.robot
-    plan = services.shared(("sim.faults", context.robot), lambda: FaultPlan(context.settings.faults))
-    own = context.settings.resources
-    names = {"frozen": tuple(name for name in own if name in SENSORS), "failing": own}
-    link = services.link(context.robot)
-    return resources.Faults(context.plugin.world, robot, link, plan, context.clock, names)
-
-
-def _destroy(resource: Resource) -> None:
-    """Do nothing: the robot stays in the world."""
-
-
-def __getattr__(name: str) -> Callable[..., Any]:
-    """Return the `create_<resource>` and `destroy_<resource>` that are not defined here."""
-    action, _, kind = name.partition("_")
-    if kind in resources.__all__ and action in ("create", "destroy"):
-        return _destroy if action == "destroy" else _creator(getattr(resources, kind))
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -62,10 +62,10 @@ class Datagrams(Line):
 
     def send(self, data: memoryview) -> int:
         """Send the datagram."""
-        return self._port.write(bytes(data))
+        return self.port.write(bytes(data))
 
     def _receive(self) -> None:
-        while datagram := self._port.read():
+        while datagram := self.port.read():
             self._datagrams.append(datagram)
 
     def _read(self, length: int) -> Generator[float, None, bytes]:
@@ -81,7 +81,7 @@ class Datagrams(Line):
                         )
                     return self._datagrams.popleft()
                 if (left_s := end_s - self._clock.now()) <= 0:
-                    raise UnavailableError(f"no datagram came from {self._port.name} within {self.timeout_s:g} s")
+                    raise UnavailableError(f"no datagram came from {self.port.name} within {self.timeout_s:g} s")
                 yield min(LOOK_S, left_s)
         finally:
             self._readers.remove(turn)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any, Literal
 
 from eal_actors.plugin import (
-    EALPlugin,
     Field,
     PluginContext,
     PluginError,
@@ -15,8 +14,10 @@ from eal_actors.plugin import (
     open_tcp,
 )
 
-from ..serial_port.line import Line, resource_functions
+from ..serial_port.line import Line, PortPlugin, disconnect
 from .datagrams import Datagrams
+
+__all__ = ["Settings", "connect", "disconnect"]
 
 
 class Settings(PluginSettingsModel):
@@ -48,19 +49,10 @@ class TcpStream(Line):
             sent: int = port.write_some(data)
             return sent
 
-        return self._port.use(send_some)
+        return self.port.use(send_some)
 
 
-class SocketPlugin(EALPlugin):
-    """A plugin with one connection."""
-
-    def __init__(self, name: str, port: ReopeningPort, resource: Line) -> None:
-        super().__init__(name)
-        self.port = port
-        self.resource = resource
-
-
-def connect(context: PluginContext) -> SocketPlugin:
+def connect(context: PluginContext) -> PortPlugin:
     """Connect; attempts are repeated while the peer is absent.
 
     Raises:
@@ -82,12 +74,4 @@ def connect(context: PluginContext) -> SocketPlugin:
         port = ReopeningPort(lambda: open_tcp(host, number, settings.connect_timeout_s), context.clock, name)
         resource = TcpStream(port, context.clock, settings.timeout_s)
     port.open()
-    return SocketPlugin(settings.name, port, resource)
-
-
-def disconnect(plugin: SocketPlugin) -> None:
-    """Close the connection."""
-    plugin.port.close()
-
-
-__getattr__ = resource_functions(__name__)
+    return PortPlugin(settings.name, resource)

@@ -1,19 +1,14 @@
 """The system plugin: gauges of the computer that runs the robot's process."""
 
-# ruff: noqa: N816  # the plugin API requires names such as create_Cpu
-
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Final, Literal, get_args
+from typing import Literal
 
-from eal_actors.plugin import EALPlugin, Field, PluginContext, PluginSettingsModel, Resource
+from eal_actors.plugin import FactoryPlugin, Field, PluginContext, PluginSettingsModel
 
 from .gauges import Cpu, Disk, Memory, Network, Temperature, Uptime, temperatures_c
 
 Gauge = Literal["Cpu", "Memory", "Disk", "Temperature", "Network", "Uptime"]
-
-_GAUGES: Final[tuple[str, ...]] = get_args(Gauge)
 
 
 class Settings(PluginSettingsModel):
@@ -29,35 +24,20 @@ class Settings(PluginSettingsModel):
     """Poll interval of `Cpu`, `Temperature` and `Network`."""
 
 
-def connect(context: PluginContext) -> EALPlugin:
+def connect(context: PluginContext) -> FactoryPlugin:
     """Name the resources."""
     settings: Settings = context.settings
-    found = [gauge for gauge in _GAUGES if gauge != "Temperature" or temperatures_c()]
-    return EALPlugin(*(settings.resources or found))
+    makers = {
+        "Cpu": lambda: Cpu(settings.period_s),
+        "Memory": Memory,
+        "Disk": lambda: Disk(settings.disk),
+        "Temperature": lambda: Temperature(settings.period_s),
+        "Network": lambda: Network(settings.interface, context.clock, settings.period_s),
+        "Uptime": Uptime,
+    }
+    found = [gauge for gauge in makers if gauge != "Temperature" or temperatures_c()]
+    return FactoryPlugin({gauge: makers[gauge] for gauge in settings.resources or found})
 
 
-def disconnect(plugin: EALPlugin) -> None:
+def disconnect(plugin: FactoryPlugin) -> None:
     """Do nothing."""
-
-
-def _creator(make: Callable[[PluginContext], Resource]) -> Callable[[PluginContext], Resource]:
-    def create(context: PluginContext) -> Resource:
-        """Create the resource."""
-        return make(context)
-
-    return create
-
-
-def _destroy(resource: Resource) -> None:
-    """Do nothing."""
-
-
-create_Cpu, destroy_Cpu = _creator(lambda context: Cpu(context.settings.period_s)), _destroy
-create_Memory, destroy_Memory = _creator(lambda _: Memory()), _destroy
-create_Disk, destroy_Disk = _creator(lambda context: Disk(context.settings.disk)), _destroy
-create_Temperature, destroy_Temperature = _creator(lambda context: Temperature(context.settings.period_s)), _destroy
-create_Network, destroy_Network = (
-    _creator(lambda context: Network(context.settings.interface, context.clock, context.settings.period_s)),
-    _destroy,
-)
-create_Uptime, destroy_Uptime = _creator(lambda _: Uptime()), _destroy

@@ -1,10 +1,8 @@
 """The tracker plugin: cameras above the floor that find the robots by their markers."""
 
-# ruff: noqa: N802  # the plugin API requires names such as create_Fixes
-
 from __future__ import annotations
 
-from eal_actors.plugin import FAMILIES, EALPlugin, FamilyName, PluginContext, PluginError, Resource
+from eal_actors.plugin import FAMILIES, FactoryPlugin, FamilyName, PluginContext, PluginError
 
 from .feeds import open_feed
 from .floor import FloorPicture
@@ -15,11 +13,19 @@ from .tracker import Tracker
 __all__ = ["Settings", "TrackerPlugin", "connect", "disconnect"]
 
 
-class TrackerPlugin(EALPlugin):
-    """A plugin with one tracker."""
+class TrackerPlugin(FactoryPlugin):
+    """A plugin with one tracker; it has a picture of the floor if the fleet has a world, which tells its size."""
 
-    def __init__(self, tracker: Tracker, *, has_floor: bool) -> None:
-        super().__init__("Fixes", "Picture", *(["Floor"] if has_floor else []))
+    def __init__(self, context: PluginContext, tracker: Tracker) -> None:
+        world = context.services.world
+        floor = {} if world is None else {"Floor": lambda: FloorPicture(tracker, world.size_m)}
+        super().__init__(
+            {
+                "Fixes": lambda: FixesSensor(tracker, context.clock),
+                "Picture": lambda: TrackedPicture(tracker, context.robot),
+                **floor,
+            }
+        )
         self.tracker = tracker
 
 
@@ -41,7 +47,7 @@ def connect(context: PluginContext) -> TrackerPlugin:
     except BaseException:
         tracker.close()
         raise
-    return TrackerPlugin(tracker, has_floor=world is not None)
+    return TrackerPlugin(context, tracker)
 
 
 def _check_ids(settings: Settings, family: FamilyName, floor: list[int]) -> None:
@@ -56,33 +62,3 @@ def _check_ids(settings: Settings, family: FamilyName, floor: list[int]) -> None
 def disconnect(plugin: TrackerPlugin) -> None:
     """Close the cameras."""
     plugin.tracker.close()
-
-
-def create_Fixes(context: PluginContext) -> FixesSensor:
-    """Create the robots' poses."""
-    return FixesSensor(context.plugin.tracker, context.clock)
-
-
-def create_Picture(context: PluginContext) -> TrackedPicture:
-    """Create the pictures with the found markers."""
-    return TrackedPicture(context.plugin.tracker, context.robot)
-
-
-def create_Floor(context: PluginContext) -> FloorPicture:
-    """Create the picture of the whole floor."""
-    world = context.services.world
-    if world is None:
-        raise PluginError("the fleet has no world, whose size the picture of the floor needs")
-    return FloorPicture(context.plugin.tracker, world.size_m)
-
-
-def destroy_Fixes(resource: Resource) -> None:
-    """Do nothing: `disconnect` closes the cameras."""
-
-
-def destroy_Picture(resource: Resource) -> None:
-    """Do nothing: `disconnect` closes the cameras."""
-
-
-def destroy_Floor(resource: Resource) -> None:
-    """Do nothing: `disconnect` closes the cameras."""

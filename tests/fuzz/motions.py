@@ -9,7 +9,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from random import Random
 from types import ModuleType
 from typing import Any, Final, Protocol
@@ -52,7 +52,7 @@ class FuzzedDriver:
 
     Attributes:
         name: of the driver, its protocol and its link.
-        plugin: the plugin's module, with `connect`, `disconnect`, `Settings` and `create_Base`.
+        plugin: the plugin's module, whose `connect` returns a FactoryPlugin with a `Base`.
         settings: of the plugin; the port is `sim://wire`.
         make: makes the device and its body from a function that returns the device's time.
         line: the delays of the wire.
@@ -131,7 +131,7 @@ class FuzzedRobot:
         context = PluginContext("rob", driver.name, settings, services)
         with patch("secrets.randbelow", self._random.randrange):  # a host's identity is in the bytes that are damaged
             self.plugin = driver.plugin.connect(context)
-        self.base: Any = driver.plugin.create_Base(replace(context, plugin=self.plugin))
+        self.base: Any = self.plugin.makers["Base"]()
         self._activities = DueActivities(self.clock.now, self._pass_until)
         self._activities.begin(self.base.background())
 

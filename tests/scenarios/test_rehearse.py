@@ -200,8 +200,7 @@ def test_nothing_is_missed_between_two_looks() -> None:
         for number in range(6):
             settings = sim.Settings.model_validate({"model": ("evbot2", "evbot3", "roomba")[number % 3]})
             context = PluginContext(f"r{number}", "sim", settings, services)
-            connected = sim.connect(context)
-            bases.append(sim.create_Base(PluginContext(f"r{number}", "sim", settings, services, connected)))
+            bases.append(sim.connect(context).makers["Base"]())
         for round_number in range(12):
             drives = [
                 base.send_cmd(("f0.9", "l130", "b0.4", "r75")[(round_number + number) % 4])

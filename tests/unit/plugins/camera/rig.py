@@ -63,14 +63,13 @@ def camera_on(settings: Mapping[str, Any], clock: Clock | None = None) -> Iterat
     checked = plugin.Settings.model_validate(settings)
     context = PluginContext("rob", "camera", checked, FleetServices(clock or SystemClock()))
     connected = plugin.connect(context)
-    camera = plugin.create_Camera(PluginContext("rob", "camera", checked, context.services, connected))
+    camera: Any = connected.makers["Camera"]()
     camera.name = "Camera"
     camera.open()
     try:
         yield camera
     finally:
         camera.close()
-        plugin.destroy_Camera(camera)
         plugin.disconnect(connected)
 
 

@@ -22,7 +22,7 @@ ONLY_REAL = {"fps", "format"}
 def simulated_camera() -> Resource:
     settings = sim.Settings.model_validate({"model": "evbot2"})
     context = PluginContext("rob", "twin", settings, FleetServices(ManualClock()))
-    camera: Resource = sim.create_Camera(replace(context, plugin=sim.connect(context)))
+    camera = sim.connect(context).makers["Camera"]()
     camera.name = "Camera"
 
     return camera

@@ -11,16 +11,13 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from eal_actors.kernel.bundled import bundled_path
-from eal_actors.plugin import FleetServices, PluginContext, Resource
+from eal_actors.plugin import FleetServices, PluginContext
 from eal_actors.testing.conformance import Bench, settings_of
-from plugins.roomba import plugin
 from plugins.roomba.plugin import RoombaPlugin
 from plugins.sim import plugin as sim
 from tests.manual_clock import ManualClock
@@ -143,12 +140,7 @@ def test_it_says_of_itself_what_the_simulated_roomba_does(name: str) -> None:
     context = PluginContext(
         "rob", "twin", sim.Settings.model_validate({"model": "roomba"}), FleetServices(ManualClock())
     )
-    twin = _made(sim, name, replace(context, plugin=sim.connect(context)))
-    real = _made(plugin, name, replace(context, plugin=RoombaPlugin(OiRig().roomba)))
+    twin = sim.connect(context).makers[name]()
+    real = RoombaPlugin(context, OiRig().roomba).makers[name]()
+    real.name = twin.name = name
     assert real.info() == twin.info()
-
-
-def _made(module: Any, name: str, context: PluginContext) -> Resource:
-    resource: Resource = getattr(module, f"create_{name}")(context)
-    resource.name = name
-    return resource

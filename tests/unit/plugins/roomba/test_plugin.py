@@ -86,10 +86,10 @@ def test_a_fleet_drives_motes_over_a_socket() -> None:
 def test_a_roomba_that_is_absent_or_silent_is_not_ready(port: str, words: str, settings: dict[str, str]) -> None:
     context = replace(context_of({**settings, "port": port}), services=FleetServices(HurriedClock()))
     connected = plugin.connect(context)
-    reason = plugin.create_Bump(replace(context, plugin=connected)).not_ready()
+    reason = connected.makers["Bump"]().not_ready()
     assert reason is not None
     assert reason.partition(" (the mote ")[0].startswith(words)
-    base = plugin.create_Base(replace(context, plugin=connected))
+    base = connected.makers["Base"]()
     base.halt()  # nothing moves, so there is nothing to complain of
     base.close()
     plugin.disconnect(connected)

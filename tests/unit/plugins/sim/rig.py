@@ -31,7 +31,7 @@ class Fleet:
         place = dict(zip(("x_m", "y_m", "yaw_deg"), start, strict=True)) if start else None
         checked = sim.Settings.model_validate({"model": "roomba", "noise": False, "start": place, **settings})
         context = PluginContext(name, "sim", checked, self.services)
-        return Robot(self, PluginContext(name, "sim", checked, self.services, sim.connect(context)))
+        return Robot(self, context)
 
     def run(self, *activities: Any) -> list[Any]:
         """Step activities side by side until all are over, and return their results."""
@@ -54,16 +54,15 @@ class Fleet:
 class Robot:
     def __init__(self, fleet: Fleet, context: PluginContext) -> None:
         self.fleet = fleet
-        self.plugin: sim.SimPlugin = context.plugin
+        self.plugin = sim.connect(context)
         self.context = context
         self.name = context.robot
-        self.base = sim.create_Base(context)
-        self.pose_sensor = sim.create_TruePose(context)
+        self.base: Any = self.resource("Base")
+        self.pose_sensor: Any = self.resource("TruePose")
 
     def resource(self, name: str) -> Resource:
         """Make one of its resources."""
-        made: Resource = getattr(sim, f"create_{name}")(self.context)
-        return made
+        return self.plugin.makers[name]()
 
     @property
     def pose(self) -> list[float]:

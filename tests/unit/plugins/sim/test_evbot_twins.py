@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from types import ModuleType
 from typing import Any
 
@@ -16,7 +15,6 @@ from eal_actors.kernel.errors import EALError, UnavailableError
 from eal_actors.plugin import FleetServices, PluginContext, Resource
 from eal_actors.testing import Simulation
 from plugins.evbot2 import plugin as evbot2
-from plugins.evbot2.connecting import EvBotPlugin
 from plugins.evbot2.emulator import TRACKS
 from plugins.evbot3 import plugin as evbot3
 from plugins.evbot3.emulator import WHEELS
@@ -36,11 +34,10 @@ CASES = [(make, name) for make, names in NAMES.items() for name in names]
 def resources_of(make: str, name: str) -> tuple[Resource, Resource]:
     """Return the same resource of a driven and of a simulated robot."""
     rig = Rig() if make == "evbot2" else Rig3()
-    plugin = EvBotPlugin(rig.session, rig.odometer, DRIVERS[make].DRIVETRAIN, *NAMES[make])
     settings = sim.Settings.model_validate({"model": make})
     context = PluginContext("rob", "twin", settings, FleetServices(ManualClock()))
-    driven: Resource = getattr(DRIVERS[make], f"create_{name}")(replace(context, plugin=plugin))
-    simulated: Resource = getattr(sim, f"create_{name}")(replace(context, plugin=sim.connect(context)))
+    driven: Resource = DRIVERS[make].plugin_of(context, rig.session, rig.odometer).makers[name]()
+    simulated = sim.connect(context).makers[name]()
     driven.name = simulated.name = name
     return driven, simulated
 

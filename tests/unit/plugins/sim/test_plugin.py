@@ -11,7 +11,7 @@ import yaml
 from pydantic import ValidationError
 
 from eal_actors.kernel.errors import PluginError, UnavailableError
-from eal_actors.plugin import EALData, Resource
+from eal_actors.plugin import EALData
 from plugins.sim import plugin as sim
 from tests.unit.plugins.sim.rig import Fleet, arena
 
@@ -45,16 +45,15 @@ def test_each_make_has_its_own_resources(model: str, more: list[str]) -> None:
     assert list(robot.plugin.list_resources()) == COMMON + more
     assert set(COMMON + more) <= set(manifest["resources"])
     for name in COMMON + more:
-        resource = getattr(sim, f"create_{name}")(robot.context)
+        resource = robot.resource(name)
         assert (resource.info().name, type(resource).__name__) == (name, name)
-        assert getattr(sim, f"destroy_{name}")(resource) is None
 
 
 def test_values_keep_what_the_information_promises() -> None:
     for model in ("evbot2", "evbot3", "roomba"):
         robot = Fleet().add("r1", (0, 0, 0), model=model)
         for name in robot.plugin.list_resources():
-            resource: Resource = getattr(sim, f"create_{name}")(robot.context)
+            resource = robot.resource(name)
             info = resource.info()
             assert info.description
             if info.value and "get_value" in info.methods:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from types import ModuleType
 from typing import Any
 
 import pytest
@@ -26,14 +24,9 @@ class Pair:
         self.clock = ManualClock()
         settings = sim.Settings.model_validate({"model": "roomba"})
         context = PluginContext("rob", "twin", settings, FleetServices(self.clock))
-        self.driven = self._made(driver, name, replace(context, plugin=driver.RoombaPlugin(self.rig.roomba)))
-        self.simulated = self._made(sim, name, replace(context, plugin=sim.connect(context)))
-
-    @staticmethod
-    def _made(module: ModuleType, name: str, context: PluginContext) -> Resource:
-        resource: Resource = getattr(module, f"create_{name}")(context)
-        resource.name = name
-        return resource
+        self.driven = driver.RoombaPlugin(context, self.rig.roomba).makers[name]()
+        self.simulated = sim.connect(context).makers[name]()
+        self.driven.name = self.simulated.name = name
 
     def wait(self, duration_s: float) -> None:
         self.rig.wait(duration_s)
@@ -58,7 +51,8 @@ def test_it_says_the_same_of_itself(name: str) -> None:
 
 
 def test_the_driver_has_nothing_that_is_not_compared() -> None:
-    names = driver.RoombaPlugin(Rig(awake=False).roomba).list_resources()
+    context = PluginContext("rob", "roomba", None, FleetServices(ManualClock()))
+    names = driver.RoombaPlugin(context, Rig(awake=False).roomba).list_resources()
     assert set(names) == {*NAMES, "Power", "Pose"}  # one is about the hardware, the other is the framework's own
 
 

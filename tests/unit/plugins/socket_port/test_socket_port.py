@@ -77,7 +77,7 @@ class TestTcp:
             peer = server.accept()  # it has come back by itself
             peer.sendall(b"again")
             resource: Any = port.resource()
-            assert resource._port.wait_until_open(WAIT_S)
+            assert resource.port.wait_until_open(WAIT_S)
             assert port.read_comm(5).get().value == b"again"
 
     def test_an_absent_server_is_not_ready(self, server: Server) -> None:
