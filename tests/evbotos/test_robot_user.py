@@ -52,13 +52,19 @@ def source(tmp_path: Path) -> Path:
     return folder
 
 
+def copy_files(source: Path, target: Path) -> None:
+    """Copy a robot's files as its start does."""
+    module = module_of("robot_user")
+    contents = module.read_files(source)
+    module.write_files({**contents, **module._revoked_lists((target,), contents)}, target)
+
+
 def names_in(folder: Path) -> set[str]:
     return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
 
 
 def test_the_robot_gets_its_own_files_and_none_of_ssh_and_updates(source: Path, tmp_path: Path) -> None:
     copy = tmp_path / "serve"
-    copy_files = module_of("robot_user").copy_files
     copy_files(source, copy)
     assert names_in(copy) == {"fleet.yaml", "name", "keys/ca.pem", "keys/one.key"}
     assert stat.S_IMODE((copy / "keys/one.key").stat().st_mode) == 0o600
@@ -70,7 +76,6 @@ def test_the_robot_gets_its_own_files_and_none_of_ssh_and_updates(source: Path, 
 
 def test_a_copy_follows_its_source_and_no_link_leads_out_of_it(source: Path, tmp_path: Path) -> None:
     copy = tmp_path / "serve"
-    copy_files = module_of("robot_user").copy_files
     copy_files(source, copy)
     (source / "fleet.yaml").write_text("another\n")
     (source / "keys/one.key").unlink()
@@ -93,7 +98,6 @@ def test_a_copy_follows_its_source_and_no_link_leads_out_of_it(source: Path, tmp
 
 def test_who_is_revoked_stays_revoked_while_the_authority_is_the_same(source: Path, tmp_path: Path) -> None:
     copy = tmp_path / "serve"
-    copy_files = module_of("robot_user").copy_files
     copy_files(source, copy)
     (copy / "keys/revoked.txt").write_text("mallory\n")  # as the robot writes it
     (source / "keys/revoked.txt").write_text("eve\n")
@@ -105,6 +109,41 @@ def test_who_is_revoked_stays_revoked_while_the_authority_is_the_same(source: Pa
     (source / "keys/ca.pem").write_text("another fleet's\n")
     copy_files(source, copy)
     assert not (copy / "keys/revoked.txt").exists()
+
+
+@pytest.mark.parametrize("folder", ["a-file", "missing/folder"])
+def test_a_folder_that_cannot_be_written_is_replaced_by_one_in_ram(
+    source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], folder: str
+) -> None:
+    module, ram = module_of("robot_user"), tmp_path / "ram"
+    (tmp_path / "a-file").write_text(
+        "in place of the folder"
+    )  # as read-only and full partitions, which need privileges
+    monkeypatch.setattr(module, "_COPY", tmp_path / folder)
+    monkeypatch.setattr(module, "_IN_RAM", ram)
+    with (tmp_path / "console").open("wb") as console:
+        own = module.Own(source / "fleet.yaml", source / "fleet.yaml", console.fileno())
+        own = module._copied(own, module.read_files(source))
+    assert own.fleet == ram / "fleet.yaml"
+    assert names_in(ram) == {"fleet.yaml", "name", "keys/ca.pem", "keys/one.key"}
+    for told in ((tmp_path / "console").read_text(), capsys.readouterr().err):
+        assert "the data partition cannot be written" in told
+    (ram / "keys/revoked.txt").write_text("mallory\n")
+    with (tmp_path / "console").open("wb") as console:
+        module._copied(module.Own(source / "fleet.yaml", source, console.fileno()), module.read_files(source))
+    assert (ram / "keys/revoked.txt").read_text() == "mallory\n"
+
+
+def test_log_and_console_name_the_fleet_file_that_the_user_knows(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with (tmp_path / "console").open("wb") as console:
+        own = module_of("robot_user").Own(
+            Path("/data/robot/fleet.yaml"), Path("/data/serve/fleet.yaml"), console.fileno()
+        )
+        own.say("/data/serve/fleet.yaml: is empty")
+    assert (tmp_path / "console").read_text() == "evbotos: /data/robot/fleet.yaml: is empty\n"
+    assert capsys.readouterr().err == "/data/robot/fleet.yaml: is empty\n"
 
 
 def test_machine_and_owner_derive_the_same_keys_of_a_claim_code(tmp_path: Path) -> None:
@@ -154,9 +193,10 @@ sys.path.insert(0, {str(FOLDER)!r})
 import robot_user
 own = Path({str(tmp_path)!r})
 robot_user._STATE, robot_user._USER, robot_user._DEFAULT = own, "nobody", own / "fleet.yaml"
+robot_user._COPY, robot_user._IN_RAM = own / "serve", own / "ram"
 robot_user.find_fleet = lambda: own / "fleet.yaml"
 opened = os.open
-os.open = lambda path, *rest: opened(os.devnull if path == "/dev/console" else path, *rest)
+os.open = lambda path, *rest, **more: opened(os.devnull if path == "/dev/console" else path, *rest, **more)
 robot_user.become_robot()
 state = Path("/proc/self/status").read_text()
 print([line.split()[1:] for line in state.splitlines() if line.startswith(("Uid", "CapEff", "CapPrm", "NoNewPrivs"))])

@@ -1,7 +1,9 @@
 """The robot's process runs as the user `robot`, without any of root's rights.
 
-Only root reads the boot partition, because it holds the SSH host key. So root copies the robot's own files to a folder
-of the data partition, where the robot also keeps its list of revoked certificates, and gives up its rights for good.
+Only root reads the boot partition, because it holds the SSH host key. So root reads the robot's own files, gives up its
+rights for good, and writes them as the robot to a folder of the data partition, where the robot also keeps its list of
+revoked certificates. Root writes nothing into that folder, because a link that the robot puts there would lead it
+astray. If the data partition is full, read-only or damaged, the folder is in RAM.
 """
 
 from __future__ import annotations
@@ -10,14 +12,17 @@ import ctypes
 import os
 import pwd
 import shutil
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+import sys
+from collections.abc import Collection, Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
 _STATE: Final = Path("/run/evbotos")
 _DEFAULT: Final = Path("/usr/share/evbotos/fleet.yaml")
 _COPY: Final = Path("/data/serve")
+_IN_RAM: Final = Path("/run/serve")
 _SECRETS: Final = ("host_ed25519", "authorized_keys", "update_key", "wifi.conf")
 """Files of an identity for SSH, updates and Wi-Fi, which the robot must not read."""
 _REVOKED: Final = "revoked.txt"
@@ -42,9 +47,10 @@ class Own:
     console: int
 
     def say(self, words: str) -> None:
-        """Write a line to the console, with the user's path of the fleet file's folder."""
+        """Write a line to the console and to the log, with the user's path of the fleet file's folder."""
         shown = words.replace(f"{self.fleet.parent}/", f"{self.source.parent}/")
-        os.write(self.console, f"evbotos: {shown}\n".encode())
+        os.write(self.console, f"evbotos: {shown}\n".encode(errors="replace"))
+        sys.stderr.write(f"{shown}\n")
 
 
 def find_fleet() -> Path:
@@ -55,42 +61,65 @@ def find_fleet() -> Path:
 
 
 def become_robot() -> Own:
-    """Prepare the robot's files, and give up the rights of root.
+    """Read the robot's files, give up the rights of root, and write the robot's copy.
 
     Raises:
-        OSError: a file cannot be copied, or the rights cannot be given up.
+        OSError: a file cannot be read or written, or the rights cannot be given up.
     """
     user = pwd.getpwnam(_USER)
-    source = fleet = find_fleet()
-    if source.parent.name == "robot":
-        copy_files(source.parent, _COPY)
-        fleet = _COPY / source.name
-        for path in (_COPY, *_COPY.rglob("*")):
-            os.chown(path, user.pw_uid, user.pw_gid, follow_symlinks=False)
+    source = find_fleet()
+    contents = read_files(source.parent) if source.parent.name == "robot" else None
+    for folder in (_COPY, _IN_RAM):
+        with suppress(OSError):
+            _give(folder, user)
     (_STATE / "robot.pid").write_text(str(os.getpid()))
     up = _STATE / "robot.up"
     up.write_text("")
     os.chown(up, user.pw_uid, user.pw_gid)
-    own = Own(source, fleet, os.open("/dev/console", os.O_WRONLY | os.O_NOCTTY | os.O_CLOEXEC))
+    console = os.open("/dev/console", os.O_WRONLY | os.O_NOCTTY | os.O_CLOEXEC)
     os.initgroups(_USER, user.pw_gid)
     os.setresgid(user.pw_gid, user.pw_gid, user.pw_gid)
     os.setresuid(user.pw_uid, user.pw_uid, user.pw_uid)
     if ctypes.CDLL(None, use_errno=True).prctl(_NO_NEW_PRIVILEGES, 1, 0, 0, 0) != 0:
         raise OSError(ctypes.get_errno(), "the kernel keeps programs from giving up their rights")
     os.environ["HOME"] = str(_COPY)
-    return own
+    own = Own(source, source, console)
+    return own if contents is None else _copied(own, contents)
 
 
-def copy_files(source: Path, target: Path) -> None:
-    """Make a folder equal to the robot's files, writing only what differs; revoked certificates stay revoked.
+def _give(folder: Path, user: pwd.struct_passwd) -> None:
+    """Make a folder the robot's, with what is in it; no link is followed."""
+    folder.mkdir(mode=0o700, exist_ok=True)
+    os.chown(folder, user.pw_uid, user.pw_gid, follow_symlinks=False)
+    for _, folders, files, descriptor in os.fwalk(folder):
+        for name in (*folders, *files):
+            os.chown(name, user.pw_uid, user.pw_gid, dir_fd=descriptor, follow_symlinks=False)
 
-    Args:
-        source: the folder of the fleet file.
-        target: the copy. Its lists of revoked certificates are kept as long as the fleet's authority is the same.
-    """
+
+def _copied(own: Own, contents: Mapping[Path, bytes]) -> Own:
+    """Write the robot's files to the data partition, or to RAM if they cannot be written there."""
+    contents = {**contents, **_revoked_lists((_COPY, _IN_RAM), contents)}
+    try:
+        write_files(contents, _COPY)
+    except OSError as error:
+        own.say(f"the data partition cannot be written, so changes are lost at power-off: {error}")
+        write_files(contents, _IN_RAM)
+        return replace(own, fleet=_IN_RAM / own.source.name)
+    return replace(own, fleet=_COPY / own.source.name)
+
+
+def read_files(source: Path) -> dict[Path, bytes]:
+    """Return the content of the robot's files by their names below a folder."""
     paths = [path for path in source.rglob("*") if path.is_file() and path.name not in _SECRETS]
-    contents = {path.relative_to(source): path.read_bytes() for path in paths}
-    contents |= _revoked_lists(target, contents)
+    return {path.relative_to(source): path.read_bytes() for path in paths}
+
+
+def write_files(contents: Mapping[Path, bytes], target: Path) -> None:
+    """Make a folder equal to some files, writing only what differs.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
     target.mkdir(mode=0o700, exist_ok=True)
     _remove_others(target, contents)
     for name, content in contents.items():
@@ -103,15 +132,19 @@ def copy_files(source: Path, target: Path) -> None:
             part.replace(place)
 
 
-def _revoked_lists(target: Path, contents: Mapping[Path, bytes]) -> dict[Path, bytes]:
-    """Return the lists of revoked certificates that the robot has kept, joined with the new ones."""
-    found = {}
-    for kept in target.rglob(_REVOKED):
-        name = kept.relative_to(target)
-        authority, revoked = name.with_name(_AUTHORITY), _content(kept)
-        if revoked is not None and authority in contents and _content(target / authority) == contents[authority]:
-            lines = {*revoked.splitlines(), *contents.get(name, b"").splitlines()}
-            found[name] = b"".join(line + b"\n" for line in sorted(lines))
+def _revoked_lists(copies: Iterable[Path], contents: Mapping[Path, bytes]) -> dict[Path, bytes]:
+    """Return the lists of revoked certificates that the robot has kept, joined with the new ones.
+
+    A list is kept as long as the fleet's authority is the same.
+    """
+    found: dict[Path, bytes] = {}
+    for target in copies:
+        for kept in target.rglob(_REVOKED):
+            name = kept.relative_to(target)
+            authority, revoked = name.with_name(_AUTHORITY), _content(kept)
+            if revoked is not None and authority in contents and _content(target / authority) == contents[authority]:
+                lines = {*revoked.splitlines(), *found.get(name, contents.get(name, b"")).splitlines()}
+                found[name] = b"".join(line + b"\n" for line in sorted(lines))
     return found
 
 

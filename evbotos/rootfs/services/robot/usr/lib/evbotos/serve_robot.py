@@ -46,12 +46,6 @@ def _interrupt(_number: int, _frame: FrameType | None) -> NoReturn:
     raise KeyboardInterrupt
 
 
-def _say(own: Own, words: str) -> None:
-    """Write to the log and to the console."""
-    sys.stderr.write(f"{words}\n")
-    own.say(words)
-
-
 def serve(own: Own) -> None:
     """Serve until SIGTERM.
 
@@ -65,7 +59,7 @@ def serve(own: Own) -> None:
         (_STATE / "robot.up").write_text(f"{robot} {own.source} {uptime_s}\n")
         resources = ", ".join(service.robot)
         place = ", ".join(service.endpoints)
-        _say(own, f"{robot} of {own.source} serves {resources} at {place}, {uptime_s} s after the start")
+        own.say(f"{robot} of {own.source} serves {resources} at {place}, {uptime_s} s after the start")
         service.wait()
 
 
@@ -83,5 +77,8 @@ def main(own: Own) -> None:
     except KeyboardInterrupt:
         sys.stderr.write("halted; leaving the network\n")
     except EALError as error:
-        _say(own, f"the robot does not start: {error}")
+        own.say(f"the robot does not start: {error}")
         raise SystemExit(1) from None
+    except Exception as error:
+        own.say(f"the robot crashed with {type(error).__name__}: {error}")
+        raise  # the log has the traceback
