@@ -12,6 +12,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from eal_actors.cli.completion import complete_fleets, complete_robots, complete_scenarios
+from eal_actors.cli.output import json_alone
 from eal_actors.kernel.bundled import FLEET_VARIABLE
 from eal_actors.kernel.errors import ConfigError, ScenarioError
 from eal_actors.kernel.log import LogFormat
@@ -38,7 +39,15 @@ RobotsArgument = Annotated[
     list[str] | None,
     typer.Argument(metavar="[ROBOT]...", help="Names of robots; default: all robots.", autocompletion=complete_robots),
 ]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]
+
+
+def _keep_stdout(context: typer.Context, as_json: bool) -> bool:
+    if as_json:
+        context.with_resource(json_alone())
+    return as_json
+
+
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON for programs.", callback=_keep_stdout)]
 JobsOption: TypeAlias = Annotated[
     int | None,
     typer.Option("--jobs", "-j", min=1, max=256, show_default="one for each processor", help="Processes."),

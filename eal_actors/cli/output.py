@@ -7,7 +7,8 @@ import math
 import os
 import reprlib
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, redirect_stdout
 from typing import Any, Final, TextIO, cast
 
 from rich import box
@@ -71,11 +72,26 @@ def print_line(console: Console, text: str | Text, style: str = "") -> None:
     console.print(Text(text) if isinstance(text, str) else text, style=style, soft_wrap=True)
 
 
+_json_stream: TextIO | None = None
+
+
+@contextmanager
+def json_alone() -> Iterator[None]:
+    """Keep stdout for `write_json` during a `with` block: what plugins and their libraries print goes to stderr."""
+    global _json_stream
+    _json_stream = sys.stdout
+    try:
+        with redirect_stdout(sys.stderr):
+            yield
+    finally:
+        _json_stream = None
+
+
 def write_json(value: Any) -> None:
     """Write a value to stdout as strict JSON; `as_json` replaces numbers that JSON cannot hold."""
     from eal_actors.scenario.report.records import as_json
 
-    sys.stdout.write(as_json(value, indent=2, ensure_ascii=False) + "\n")
+    (_json_stream or sys.stdout).write(as_json(value, indent=2, ensure_ascii=False) + "\n")
 
 
 def counted(number: int, noun: str) -> str:

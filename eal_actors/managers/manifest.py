@@ -208,8 +208,10 @@ class PluginManifest:
     def contradictions(self) -> list[str]:
         """Return the declarations that its folder and the other plugins do not fulfil."""
         found = []
-        if (emulator := self.file.emulator) is not None and not (self.folder / f"{emulator.module}.py").is_file():
-            found.append(f"emulator: there is no {emulator.module}.py in {self.folder}")
+        modules = {"emulator": self.file.emulator and self.file.emulator.module, "bridge": self.file.bridge}
+        for key, module in modules.items():
+            if module is not None and not (self.folder / f"{module}.py").is_file():
+                found.append(f"{key}: there is no {module}.py in {self.folder}")
         if (twin := self.file.twin) is not None:
             if (other := self.others.get(twin.plugin)) is None:
                 found.append(f"twin: {unknown_name('plugin', twin.plugin, self.others)}")

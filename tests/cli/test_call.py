@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from eal_actors.kernel.bundled import bundled_path
+from tests.plugin_files import write_plugin
 
 
 @pytest.mark.parametrize(
@@ -67,6 +68,25 @@ def test_json_tells_everything(eal: Any, slides: Path) -> None:
     assert answer["robot"] == "two"
     assert (answer["resource"], answer["method"], answer["arguments"]) == ("Slide", "get_config", ["speed_m_s"])
     assert (answer["value"], answer["type"], answer["length"], answer["shape"]) == (0.1, "double", 8, None)
+
+
+CHATTY = """\
+from eal_actors.plugin import EALPlugin, Resource, ResourceType
+class Chatty(Resource):
+    types = ResourceType.SENSOR
+    def get_value(self):
+        print("asked")
+        return 5
+"""
+
+
+def test_what_a_plugin_prints_is_not_in_the_json(eal: Any, tmp_path: Path, write: Any) -> None:
+    write_plugin(tmp_path, "chatty", CHATTY, "Chatty")
+    fleet = write("fleet.yaml", "version: 1\nplugin_dirs: [plugins]\nrobots: {one: {plugins: {chatty: {}}}}\n")
+    call = ("call", "one", "Chatty", "get_value", "--fleet", fleet)
+    result = eal(*call, "--json")
+    assert (json.loads(result.stdout)["value"], result.stderr) == (5, "asked\n")
+    assert eal(*call).stdout == "asked\n5\n"
 
 
 def test_arrays_are_printed_whole_while_they_are_short(eal: Any) -> None:

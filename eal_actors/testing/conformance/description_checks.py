@@ -4,24 +4,31 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 
 from eal_actors.device.data import DataType
 from eal_actors.device.info import ResourceInfo, ValueInfo
+from eal_actors.managers.fleet_model import PluginSettings
 from eal_actors.managers.plugins import EALPluginManager, import_plugin
-from eal_actors.testing.conformance.bench import Bench, Findings
+from eal_actors.testing.conformance.bench import ROBOTS, Bench, Findings, settings_of
 
 _MEASURED = (DataType.FLOAT, DataType.DOUBLE)
 
 
 def starts(bench: Bench, findings: Findings) -> None:
-    """Its manifest is valid and matches its folder, `connect` names declared resources, and every resource starts."""
+    """Its manifest is valid, fits its folder and twin, `connect` names declared resources, and all resources start."""
     manifest = bench.manifest()
     if contradictions := manifest.contradictions():
         findings.problems += contradictions
         return
     missing = manifest.missing_modules()
     findings.expect(not missing, f"required modules are not installed: {', '.join(missing)}")
-    found = EALPluginManager([bench.folder.resolve().parent]).manifests[manifest.name].folder
+    manager = EALPluginManager([bench.folder.resolve().parent])
+    if (twin := manifest.file.twin) is not None:
+        settings = PluginSettings(twin.plugin, twin.plugin, settings_of(twin.settings))
+        wrong, _ = manager.check(replace(bench.config([bench.settings]).robots[ROBOTS[0]], plugins={"twin": settings}))
+        findings.problems += [f"twin: {problem}" for problem in wrong]
+    found = manager.manifests[manifest.name].folder
     findings.expect(found.resolve() == bench.folder.resolve(), f"the plugin in {found} has the same name and hides it")
     with bench.robot() as robot:
         promised, there = set(manifest.file.resources), set(robot)

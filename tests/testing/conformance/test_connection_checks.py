@@ -229,6 +229,13 @@ def test_settings_that_name_a_device_get_no_stand_in(pair: Path) -> None:
         ),
         ("plugin.yaml", "emulator: {", "emulator: {module: device, ", "emulator: there is no device.py in "),
         ("plugin.yaml", "emulator: {", "twin: {plugin: sample}\nemulator: {", "twin: .* declares no simulation; if"),
+        (
+            "plugin.yaml",
+            "emulator: {",
+            "twin: {plugin: sim, settings: {model: romba}}\nemulator: {",
+            "twin: settings: model: .* did you mean 'roomba'",
+        ),
+        ("plugin.yaml", "emulator: {", "bridge: arch\nemulator: {", "bridge: there is no arch.py"),
         ("plugin.yaml", "emulator: {", "twin: {plugin: symu}\nemulator: {", "twin: unknown plugin 'symu'"),
     ],
 )
