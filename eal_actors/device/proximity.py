@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from collections.abc import Mapping
+from typing import NamedTuple, Protocol
 
-Observe: TypeAlias = Callable[[float, str, tuple[float, float], Mapping[str, float]], float]
+from eal_actors.device.localization.pose_estimate import Point
 
 
-@dataclass(frozen=True, slots=True)
-class ProximityObserver:
+class ProximityObserver(Protocol):
     """Observes the gaps between the robots of a simulated world and everything around them.
 
     Attributes:
         reach_m: gaps wider than this are not reported.
-        observe: receives the gaps around a robot at the end of a simulation tick: the time in seconds of the fleet's
-            clock, the robot's name, x and y of its centre in the world's frame (m), and the gaps in metres by name,
-            from its outline to the outline of everything within reach, below 0 where they overlap. It returns a gap in
-            metres: the simulation calls again at the first tick whose end may find anything nearer. Thread: the one
-            that steps the world; it must not block or call robots.
     """
 
     reach_m: float
-    observe: Observe
+
+    def observe(self, time_s: float, robot: str, place_m: Point, gaps_m: Mapping[str, float], /) -> float:
+        """Observe the gaps around a robot at the end of a simulation tick.
+
+        The time is in seconds of the fleet's clock, the place the robot's centre in the world's frame. The gaps are in
+        metres by name, from its outline to the outline of everything within reach, below 0 where they overlap. Return a
+        gap in metres: the simulation calls again at the first tick whose end may find anything nearer. Thread: the one
+        that steps the world; it must not block or call robots.
+        """
+        ...
 
 
 class Contact(NamedTuple):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from textwrap import dedent, indent
@@ -17,6 +17,7 @@ from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import ConfigError, file_error, unwritable_error, writing
 from eal_actors.kernel.posix import lock
 from eal_actors.kernel.yaml_source import parse_yaml
+from eal_actors.kernel.yaml_tree import MarkedDict
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import new_identity
 
@@ -66,12 +67,11 @@ def with_include(text: str, name: str, include: str) -> str:
     known = root.get("include")
     if known is not None and include in known:
         return text
-    lines = f"{text}{'' if text.endswith(chr(10)) else chr(10)}".splitlines(keepends=True)
+    lines = _lines_of(text)
     if not known:
         if known is None:
             mark = root.value_marks["version"]
             lines.insert(mark.line, f"include: [{include}]\n")
-        new = "".join(lines)
     else:
         mark = known.marks[-1]
         line = lines[mark.line - 1]
@@ -81,10 +81,8 @@ def with_include(text: str, name: str, include: str) -> str:
         else:
             end = line.find("]", mark.column - 1)
             lines[mark.line - 1] = f"{line[:end]}, {include}{line[end:]}" if end > 0 else line
-        new = "".join(lines)
     wanted: dict[str, Any] = {**root, "include": [*(root.get("include") or ()), include]}
-    _require_content(new, wanted, name, "include", f"add {include} to the end of its list")
-    return new
+    return _checked(lines, wanted, name, "include", f"add {include} to the end of its list")
 
 
 def with_identity(text: str, name: str, identity: str) -> str:
@@ -93,19 +91,13 @@ def with_identity(text: str, name: str, identity: str) -> str:
     Raises ConfigError if the layout of the file allows no automatic change.
     """
     root = parse_yaml(text, name).root
-    lines = f"{text}{'' if text.endswith(chr(10)) else chr(10)}".splitlines(keepends=True)
-    network = root.get("network")
+    lines, network = _lines_of(text), root.get("network")
     if network is None:
         lines.insert(root.value_marks["version"].line, f"network: {{identity: {identity}}}\n")
     elif network:
-        mark = next(iter(network.key_marks.values()))
-        line = lines[mark.line - 1]
-        lead, rest = line[: mark.column - 1], line[mark.column - 1 :]
-        lines[mark.line - 1] = f"{lead}identity: {identity}{', ' if lead.strip() else chr(10) + lead}{rest}"
-    new = "".join(lines)
+        _put_first(lines, network, f"identity: {identity}\n", f"identity: {identity}")
     wanted = {**root, "network": {**(network or {}), "identity": identity}}
-    _require_content(new, wanted, name, "network", f"add `identity: {identity}`")
-    return new
+    return _checked(lines, wanted, name, "network", f"add `identity: {identity}`")
 
 
 def with_security(text: str, name: str, section: str) -> str:
@@ -115,23 +107,31 @@ def with_security(text: str, name: str, section: str) -> str:
     allows no automatic change.
     """
     root, security = parse_yaml(text, name).root, yaml.safe_load(section)["network"]["security"]
-    lines = f"{text}{'' if text.endswith(chr(10)) else chr(10)}".splitlines(keepends=True)
-    network = root.get("network")
+    lines, network = _lines_of(text), root.get("network")
     if network and "security" in network:
         raise file_error(name, "has a section network.security already: omit --write, and change it by hand", "network")
     if "network" not in root:
         lines.append(f"\n{section}")
     elif network:
-        mark = next(iter(network.key_marks.values()))
-        line = lines[mark.line - 1]
-        lead, rest = line[: mark.column - 1], line[mark.column - 1 :]
-        block = indent(dedent("".join(section.splitlines(keepends=True)[1:])), lead)
+        block = dedent("".join(section.splitlines(keepends=True)[1:]))
         flow = yaml.safe_dump({"security": security}, default_flow_style=True, sort_keys=False, width=math.inf).strip()
-        lines[mark.line - 1] = f"{lead}{flow[1:-1]}, {rest}" if lead.strip() else f"{block}{line}"
-    new = "".join(lines)
+        _put_first(lines, network, block, flow[1:-1])
     wanted = {**root, "network": {**(network or {}), "security": security}}
-    _require_content(new, wanted, name, "network", "add the section `security` that the command prints without --write")
-    return new
+    advice = "add the section `security` that the command prints without --write"
+    return _checked(lines, wanted, name, "network", advice)
+
+
+def _lines_of(text: str) -> list[str]:
+    """Return the lines of a text; the last one ends with a line break too."""
+    return f"{text.removesuffix(chr(10))}\n".splitlines(keepends=True)
+
+
+def _put_first(lines: list[str], section: MarkedDict, block: str, flow: str) -> None:
+    """Put an entry before the first key of a section; `flow` is its text where a brace or another key is before it."""
+    mark = next(iter(section.key_marks.values()))
+    line = lines[mark.line - 1]
+    lead, rest = line[: mark.column - 1], line[mark.column - 1 :]
+    lines[mark.line - 1] = f"{lead}{flow}, {rest}" if lead.strip() else f"{indent(block, lead)}{line}"
 
 
 def write_identity(fleet: FleetConfig) -> None:
@@ -160,14 +160,16 @@ def _lock(file: TextIO) -> None:
             REAL_TIME.sleep(_LOOK_S)
 
 
-def _require_content(text: str, wanted: Mapping[str, Any], name: str, key: str, advice: str) -> None:
-    """Raise ConfigError unless a text has this content."""
+def _checked(lines: Sequence[str], wanted: Mapping[str, Any], name: str, key: str, advice: str) -> str:
+    """Return the text of lines; raise ConfigError unless it has this content."""
+    text = "".join(lines)
     try:
         is_so = parse_yaml(text, name).root == wanted
     except ConfigError:
         is_so = False
     if not is_so:
         raise file_error(name, f"cannot be changed automatically: {advice}, then try again", key)
+    return text
 
 
 def read_text(file: Path) -> str | None:

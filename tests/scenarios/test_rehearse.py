@@ -14,7 +14,6 @@ import structlog
 from typer.testing import CliRunner, Result
 
 from eal_actors.cli import app
-from eal_actors.device.proximity import ProximityObserver
 from eal_actors.device.world import load_world
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.errors import ConfigError
@@ -195,7 +194,7 @@ def test_nothing_is_missed_between_two_looks() -> None:
     for approaches in (Unresting(0.05), Counting(0.05)):
         clock = ManualClock()
         services = FleetServices(clock, 3, world)
-        services.proximity_observer = ProximityObserver(approaches.reach_m, approaches.observe)
+        services.proximity_observer = approaches
         bases = []
         for number in range(6):
             settings = sim.Settings.model_validate({"model": ("evbot2", "evbot3", "roomba")[number % 3]})

@@ -13,6 +13,7 @@ from typing import Final
 
 import numpy as np
 
+from eal_actors.device.localization.pose_estimate import Pose
 from eal_actors.device.world.model import BoxObstacle, CircleObstacle, Drop, WorldModel
 from eal_actors.lab.lookahead.script import Floats, Script, ScriptStep
 
@@ -44,13 +45,13 @@ class PresentState:
         covariance: of the pose, (3, 3); None if it is not known.
     """
 
-    pose: tuple[float, float, float]
+    pose: Pose
     radius_m: float
     script: Script | None = None
     index: int = -1
     elapsed_s: float = 0.0
     is_running: bool = False
-    began_at: tuple[float, float, float] | None = None
+    began_at: Pose | None = None
     covariance: Floats | None = None
 
 
@@ -142,8 +143,8 @@ def script_time(state: PresentState, script: Script) -> float:
 def _progress(
     script: Script,
     step: ScriptStep,
-    began_at: tuple[float, float, float],
-    pose: tuple[float, float, float],
+    began_at: Pose,
+    pose: Pose,
     expected_s: float,
 ) -> float:
     """Return the time of the step at which the twin had come as far as the robot; of several, the expected one."""
@@ -168,7 +169,7 @@ def _gate(script: Script, time_s: float) -> float | None:
 # Space: the rest of a script's path from a robot's own pose.
 
 
-def _continued(script: Script, times_s: Floats, pose: tuple[float, float, float]) -> Floats:
+def _continued(script: Script, times_s: Floats, pose: Pose) -> Floats:
     path = script.poses_at(times_s)
     found = np.empty_like(path)
     found[0] = pose

@@ -17,7 +17,6 @@ from typing import Final
 
 from eal_actors.actors.future import Future
 from eal_actors.device.localization.pose_estimate import Pose
-from eal_actors.device.proximity import ProximityObserver
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import Clock, new_waiter
 from eal_actors.kernel.errors import EALError, ScenarioError
@@ -97,7 +96,7 @@ def perform_trial(
     """
     contacts = ProximityRecorder(TOUCH_M)
     fleet = Fleet(config)
-    fleet.services.proximity_observer = ProximityObserver(contacts.reach_m, contacts.observe)
+    fleet.services.proximity_observer = contacts
     with fleet, TemporaryDirectory(prefix="eal-proof-") as folder:
         try:
             fleet.connect()

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from eal_actors.device.proximity import ProximityObserver
 from eal_actors.facade.fleet import Fleet
 from eal_actors.lab.rehearsal.proximity import ClosestApproach, ProximityEvent, ProximityRecorder
 from eal_actors.managers.twins import SimulatedFleet
@@ -72,7 +71,7 @@ def rehearse(
     """
     recorder = ProximityRecorder(margin_m)
     opened = Fleet(replace(fleet.config, seed=seed))
-    opened.services.proximity_observer = ProximityObserver(recorder.reach_m, recorder.observe)
+    opened.services.proximity_observer = recorder
     start_s = 0.0
 
     def note_start(event: RunEvent) -> None:
