@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
+from types import ModuleType
 from typing import Any
 
 from eal_actors.kernel.errors import DataError, ProtocolError
@@ -114,19 +115,20 @@ def _oi_stream(data: bytes) -> None:
 
 
 def _evbot2(data: bytes) -> None:
-    _same_in_pieces(data, lambda: evbot2_protocol.base_codec().feed)
-    for reply in _same_in_pieces(data, lambda: evbot2_protocol.host_codec().feed):
-        if evbot2_protocol.host_codec().feed(evbot2_protocol.encode_reply(reply)) != [reply]:
-            raise AssertionError(f"{reply} is not what it was")
+    _evbot_codecs(data, evbot2_protocol)
     _obeys(data, lambda: evbot2(free_vehicle(lambda: 0.0), _TICK_S).feed)
 
 
 def _evbot3(data: bytes) -> None:
-    _same_in_pieces(data, lambda: evbot3_protocol.base_codec().feed)
-    for reply in _same_in_pieces(data, lambda: evbot3_protocol.host_codec().feed):
-        if evbot3_protocol.host_codec().feed(evbot3_protocol.encode_reply(reply)) != [reply]:
-            raise AssertionError(f"{reply} is not what it was")
+    _evbot_codecs(data, evbot3_protocol)
     _obeys(data, lambda: evbot3(FreeTurretVehicle(lambda: 0.0), _TICK_S).feed)
+
+
+def _evbot_codecs(data: bytes, protocol: ModuleType) -> None:
+    _same_in_pieces(data, lambda: protocol.base_codec().feed)
+    for reply in _same_in_pieces(data, lambda: protocol.host_codec().feed):
+        if protocol.host_codec().feed(protocol.encode_reply(reply)) != [reply]:
+            raise AssertionError(f"{reply} is not what it was")
 
 
 def _sci_emulator(data: bytes) -> None:

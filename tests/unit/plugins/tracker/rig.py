@@ -136,10 +136,15 @@ class Arena:
 
     def kinds(self) -> dict[str, list[int | None]]:
         """Return the present problems' markers by kind."""
-        found: dict[str, list[int | None]] = {}
-        for problem in self.tracker.problems:
-            found.setdefault(problem.kind, []).append(problem.marker)
-        return found
+        return kinds_of(self.tracker)
+
+
+def kinds_of(tracker: Tracker) -> dict[str, list[int | None]]:
+    """Return the markers of a tracker's present problems by kind."""
+    found: dict[str, list[int | None]] = {}
+    for problem in tracker.problems:
+        found.setdefault(problem.kind, []).append(problem.marker)
+    return found
 
 
 def difference(fix: Fix, pose: Iterable[float]) -> NDArray[np.float64]:

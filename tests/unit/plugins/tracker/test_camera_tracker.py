@@ -19,6 +19,7 @@ from plugins.tracker.lens import Lens
 from plugins.tracker.settings import MarkerGroup
 from plugins.tracker.tracker import Tracker
 from tests.unit.plugins.tracker.pictures import DISTORTION, FLOOR, MATRIX, SIZE, Mark, View, cover, draw
+from tests.unit.plugins.tracker.rig import kinds_of
 
 ROBOTS = (Mark(1, -0.6, 0.4, 0.3, 30), Mark(2, 0.5, -0.2, 0.3, -100), Mark(3, 0.1, 0.7, 0.3, 170))
 LENS = Lens(SIZE, (MATRIX[0, 0], MATRIX[1, 1]), (MATRIX[0, 2], MATRIX[1, 2]), tuple(DISTORTION))
@@ -65,12 +66,6 @@ class Rig:
     def poses(self) -> dict[int, NDArray[np.float64]]:
         return {fix.marker: fix.pose for fix in self.tracker.fixes().fixes}
 
-    def kinds(self) -> dict[str, list[int | None]]:
-        found: dict[str, list[int | None]] = {}
-        for problem in self.tracker.problems:
-            found.setdefault(problem.kind, []).append(problem.marker)
-        return found
-
 
 def assert_poses(poses: dict[int, NDArray[np.float64]], marks: Sequence[Mark], limit_m: float = 0.001) -> None:
     assert sorted(poses) == sorted(mark.number for mark in marks)
@@ -91,7 +86,7 @@ def test_it_finds_robots_that_drive_in_whole_pictures_and_around_predictions(fam
         ]
         assert_poses(rig.show(draw((*FLOOR, *marks), dictionary=dictionary, seed=number)), marks)
     assert rig.tracker.cameras["camera-0"].whole_searches == 1
-    assert rig.kinds() == {}
+    assert kinds_of(rig.tracker) == {}
 
 
 def test_it_finds_its_own_pose_by_the_floor() -> None:
@@ -110,11 +105,11 @@ def test_a_hidden_marker_gets_no_fix_and_is_found_again() -> None:
     for _ in range(18):
         poses = rig.show(cover(whole, ROBOTS[1]))
     assert_poses(poses, (ROBOTS[0], ROBOTS[2]))
-    assert rig.kinds() == {"not_seen": [2]}
+    assert kinds_of(rig.tracker) == {"not_seen": [2]}
     for _ in range(10):  # the next search of a whole picture
         poses = rig.show(whole)
     assert_poses(poses, ROBOTS)
-    assert rig.kinds() == {}
+    assert kinds_of(rig.tracker) == {}
 
 
 def test_a_marker_that_is_there_twice_gets_no_fix() -> None:
@@ -123,11 +118,11 @@ def test_a_marker_that_is_there_twice_gets_no_fix() -> None:
     assert_poses(poses, (ROBOTS[0], ROBOTS[2]))
     for _ in range(12):
         rig.show(draw((*FLOOR, *ROBOTS, Mark(2, -0.8, -0.3, 0.3))))
-    assert sorted(rig.kinds()) == ["seen_twice"]
+    assert sorted(kinds_of(rig.tracker)) == ["seen_twice"]
     for _ in range(12):
         poses = rig.show(draw((*FLOOR, *ROBOTS)))
     assert_poses(poses, ROBOTS)
-    assert rig.kinds() == {}
+    assert kinds_of(rig.tracker) == {}
 
 
 def test_an_unknown_marker_is_reported() -> None:
@@ -135,14 +130,14 @@ def test_an_unknown_marker_is_reported() -> None:
     for _ in range(12):
         poses = rig.show(draw((*FLOOR, *ROBOTS, Mark(17, -0.8, -0.3, 0.1))))
     assert_poses(poses, ROBOTS)
-    assert rig.kinds() == {"unknown_marker": [17]}
+    assert kinds_of(rig.tracker) == {"unknown_marker": [17]}
 
 
 def test_a_mirrored_marker_is_reported_and_gets_no_fix() -> None:
     rig = Rig()
     poses = rig.show(draw((*FLOOR, *ROBOTS[:2], Mark(3, 0.1, 0.7, 0.3, 170, is_mirrored=True))))
     assert_poses(poses, ROBOTS[:2])
-    assert rig.kinds() == {"mirrored": [3]}
+    assert kinds_of(rig.tracker) == {"mirrored": [3]}
 
 
 @pytest.mark.parametrize(
@@ -163,7 +158,7 @@ def test_a_moved_floor_marker_is_left_out_and_reported() -> None:
     moved = Mark(42, FLOOR[2].x_m - 0.15, FLOOR[2].y_m, size_m=0.2)
     poses = rig.show(draw((*FLOOR[:2], moved, FLOOR[3], *ROBOTS)))
     assert_poses(poses, ROBOTS, 0.003)
-    assert rig.kinds() == {"floor_marker_moved": [42]}
+    assert kinds_of(rig.tracker) == {"floor_marker_moved": [42]}
 
 
 def test_a_moved_camera_finds_its_new_pose() -> None:
@@ -173,7 +168,7 @@ def test_a_moved_camera_finds_its_new_pose() -> None:
     seen = set()
     for _ in range(12):
         rig.show(kicked)
-        seen |= set(rig.kinds())
+        seen |= set(kinds_of(rig.tracker))
     assert "camera_moved" in seen
     assert_poses(rig.poses(), ROBOTS)
 
@@ -222,7 +217,7 @@ def test_cameras_that_disagree_give_no_fix_and_say_so() -> None:
     rig.feeds[0].show(draw((*FLOOR, *ROBOTS)))
     rig.feeds[1].show(draw((*FLOOR, *apart, *ROBOTS[1:])))
     assert_poses(rig.poses(), ROBOTS[1:])
-    assert rig.kinds() == {"cameras_disagree": [1]}
+    assert kinds_of(rig.tracker) == {"cameras_disagree": [1]}
 
 
 def test_a_lost_camera_leaves_the_other_one() -> None:
@@ -231,7 +226,7 @@ def test_a_lost_camera_leaves_the_other_one() -> None:
     rig.feeds[0].show(None)
     rig.feeds[1].show(draw((*FLOOR, *ROBOTS), seed=2))
     assert [fix.cameras for fix in rig.tracker.fixes().fixes] == [("camera-1",)] * 3
-    assert rig.kinds() == {"camera_not_ready": [None]}
+    assert kinds_of(rig.tracker) == {"camera_not_ready": [None]}
     rig.feeds[1].show(None)
     with pytest.raises(NotReadyError, match="the cable is out"):
         rig.tracker.fixes()
@@ -249,7 +244,7 @@ def test_cameras_that_expose_at_different_times_agree_on_a_robot_that_drives() -
             feed.show(at(feed.stamp_s + 1 / 30))
         found = rig.tracker.fixes()
     assert_poses({1: found.fixes[0].pose}, [Mark(1, -0.5 + 0.4 * found.stamp_s, 0.2, 0.3, 30)])
-    assert "cameras_disagree" not in rig.kinds()
+    assert "cameras_disagree" not in kinds_of(rig.tracker)
 
 
 class Repeated(PictureFeed):
