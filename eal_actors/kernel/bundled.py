@@ -8,10 +8,12 @@ from typing import Final, Literal
 
 from eal_actors.kernel.errors import ConfigError, file_error
 from eal_actors.kernel.suggestions import nearest
+from eal_actors.kernel.yaml_tree import YamlTree
 
 Kind = Literal["fleet", "scenario", "world"]
 
 _FOLDERS: Final[dict[Kind, str]] = {"fleet": "fleets", "scenario": "scenarios", "world": "fleets/worlds"}
+_MAIN_KEYS: Final[dict[Kind, str]] = {"fleet": "robots", "scenario": "steps", "world": "size_m"}
 _SUFFIX: Final = ".yaml"
 FLEET_VARIABLE: Final = "EAL_FLEET"
 """The environment variable with the default fleet file of `connect`."""
@@ -54,6 +56,15 @@ def find_file(name: str | Path, kind: Kind, folder: Path | None = None) -> Path:
         if file.is_file():
             return file
     raise _unknown(name, kind, bundled_names(kind))
+
+
+def require_kind(tree: YamlTree, kind: Kind) -> None:
+    """Raise ConfigError if a file lacks the main key of its kind and has that of another: files were confused."""
+    if _MAIN_KEYS[kind] in tree.root:
+        return
+    for other, key in _MAIN_KEYS.items():
+        if key in tree.root:
+            raise ConfigError([tree.problem((key,), f"this is a {other} file; a {kind} file was expected", key=True)])
 
 
 def find_files(name: str | Path) -> tuple[Path, ...]:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from eal_actors.device.world import WorldModel, load_world
-from eal_actors.kernel.bundled import Kind, find_file
+from eal_actors.kernel.bundled import Kind, find_file, require_kind
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.strict_model import model_of
 from eal_actors.kernel.suggestions import did_you_mean, numbered_name_meant
@@ -130,6 +130,7 @@ class _FleetFileReader:
     def _read_new(self, path: Path, chain: tuple[Path, ...]) -> MarkedDict | None:
         try:
             tree = load_yaml(path, environment=self.environment)
+            require_kind(tree, "fleet")
         except ConfigError as error:
             self.problems += error.problems
             self.sound = False

@@ -20,7 +20,7 @@ from eal_actors.device.world.model import (
     StartPose,
     WorldModel,
 )
-from eal_actors.kernel.bundled import find_file
+from eal_actors.kernel.bundled import find_file, require_kind
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.kernel.strict_model import model_of
 from eal_actors.kernel.suggestions import did_you_mean
@@ -245,6 +245,7 @@ def load_world(path: str | Path) -> WorldModel:
     Raises ConfigError with every problem of the file.
     """
     tree = load_yaml(find_file(path, "world"))
+    require_kind(tree, "world")
     world = model_of(WorldModel, tree)
     if problems := [tree.problem(path, message) for path, message in validate(world)]:
         raise ConfigError(problems)

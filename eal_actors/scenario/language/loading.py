@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
-from eal_actors.kernel.bundled import find_file, short_path
+from eal_actors.kernel.bundled import find_file, require_kind, short_path
 from eal_actors.kernel.errors import ArgumentError, ConfigError, Problem, file_error
 from eal_actors.kernel.strict_model import model_of, schema_of
 from eal_actors.kernel.yaml_source import LARGE, parse_yaml, read_file
@@ -119,6 +119,7 @@ class _Loader:
     def parse(self, text: str | bytes, name: str, path: Path, parameters: Mapping[str, object]) -> Scenario:
         """Read a text as the content of a file."""
         tree = parse_yaml(text, name, limits=LARGE)
+        require_kind(tree, "scenario")
         lines = (text if isinstance(text, str) else text.decode("utf-8").removeprefix("\ufeff")).split("\n")
         wrong: list[Problem] = []
         repaired: RepairedFile | None = None

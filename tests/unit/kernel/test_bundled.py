@@ -122,3 +122,18 @@ def test_a_fleet_file_that_names_no_world_there_is_says_so(here: Path) -> None:
 
     with pytest.raises(ConfigError, match=r"mine.yaml:3:8: world: no such file, .*; did you mean 'hall'\?"):
         EALConfigManager.load("mine")
+
+
+def test_files_that_are_confused_are_named() -> None:
+    scenario, fleet = bundled_path("scenarios/dance.yaml"), bundled_path("fleets/sim.yaml")
+    with pytest.raises(ConfigError, match=r"sim\.yaml:\d+:1: robots: this is a fleet file; a scenario file was exp"):
+        load_scenario(fleet)
+    Path("fleet.yaml").write_text(bundled_path("fleets/worlds/lab.yaml").read_text(encoding="utf-8"), encoding="utf-8")
+    with pytest.raises(
+        ConfigError, match=r"fleet\.yaml:\d+:1: size_m: this is a world file; a fleet file was expected"
+    ):
+        EALConfigManager.load("fleet.yaml")
+    with pytest.raises(
+        ConfigError, match=r"dance\.yaml:\d+:1: steps: this is a scenario file; a world file was expect"
+    ):
+        load_world(scenario)
