@@ -23,10 +23,9 @@ from evbotos.bench_image import run_in_image
 from evbotos.build import OUTPUT
 from evbotos.definitions import load_definitions
 from evbotos.errors import BuildError
+from evbotos.options import JsonOption, OutputOption, built_folder
 from evbotos.terminal import console, new_table, write_json
 
-_JsonOption = Annotated[bool, typer.Option("--json", help="Write JSON.")]
-_OutputOption = Annotated[Path, typer.Option("--output", "-o", help="Output folder of builds.")]
 _QEMU_MEMORY_MB: Final = 256
 
 
@@ -42,20 +41,18 @@ def bench(
     ] = None,
     memory_mb: Annotated[int, typer.Option("--memory-mb", min=32, help="With --in-image: RAM.")] = _QEMU_MEMORY_MB,
     timeout_s: Annotated[float, typer.Option("--timeout-s", min=1, help="Give up after that.")] = 3600,
-    output: _OutputOption = OUTPUT,
+    output: OutputOption = OUTPUT,
     chart: Annotated[
         Path | None, typer.Option(help="Draw a chart, .svg or .png.", show_default="bench-ENGINE-N.svg in the output")
     ] = None,
-    as_json: _JsonOption = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Run the thesis's eight matrix operations and compare them with its three boards.
 
     Every result is verified. The output folder receives the measurements as JSON and as a chart.
     """
     if in_image:
-        folder = output / f"{platform}-octave"
-        if not (folder / "disk.img").is_file():
-            raise BuildError(f"{folder} is not built; run `evbotos build {platform} octave`")
+        folder = built_folder(output, platform, "octave")
         board = load_definitions().platform(platform)
         measured = run_in_image(board, folder, engine, n, memory_mb, timeout_s)
     else:
@@ -98,7 +95,7 @@ def _compared(seconds: float, then: float, same: bool) -> list[str]:
     return [here, f"{then / max(seconds, 1e-9):.0f}"] if same else [here]
 
 
-def times(output: _OutputOption = OUTPUT, as_json: _JsonOption = False) -> None:
+def times(output: OutputOption = OUTPUT, as_json: JsonOption = False) -> None:
     """Show the duration of each step of the last builds, next to the thesis's table 5.1."""
     builds = [json.loads(path.read_text()) for path in sorted(output.glob("*/manifest.json"))]
     if as_json:

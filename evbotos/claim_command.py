@@ -16,6 +16,7 @@ from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption,
 from evbotos.errors import BuildError
 from evbotos.hosttools import tool
 from evbotos.identity import read_identity
+from evbotos.options import JsonOption
 from evbotos.terminal import console, write_json
 
 _CODE: Final = re.compile(r"[A-Z2-7]{16}")
@@ -32,7 +33,7 @@ def claim(
     identity: Annotated[Path, typer.Argument(metavar="IDENTITY", help="A file of `evbotos provision`.")],
     code: Annotated[str, typer.Option("--code", help="The claim code on the machine's console.")],
     port: Annotated[int, typer.Option("--port", min=1, max=65535, help="The machine's SSH port.")] = 22,
-    as_json: Annotated[bool, typer.Option("--json", help="Write JSON.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Give a machine without a fleet its identity over the network.
 

@@ -22,6 +22,7 @@ from evbotos.flash_command import flash
 from evbotos.fleet_command import fleet_app
 from evbotos.lock import read_lock
 from evbotos.model import Image, Platform
+from evbotos.options import ImageArgument, JsonOption, LocalOption, OutputOption, PlatformArgument, built_folder
 from evbotos.plan import make_plan
 from evbotos.provision_command import provision
 from evbotos.run_command import run_image
@@ -63,17 +64,9 @@ app.command("claim")(claim)
 app.command("cve")(cve)
 app.add_typer(fleet_app, name="fleet")
 
-_PlatformArgument = Annotated[str, typer.Argument(metavar="PLATFORM", help="The board: see `evbotos list`.")]
-_ImageArgument = Annotated[str, typer.Argument(metavar="[IMAGE]", help="What goes onto it.")]
-_LocalOption = Annotated[
-    Path | None, typer.Option("--local", help="Your settings; they override others.", show_default="local.yaml")
-]
-_OutputOption = Annotated[Path, typer.Option("--output", "-o", help="Output folder of builds.")]
-_JsonOption = Annotated[bool, typer.Option("--json", help="Write JSON.")]
-
 
 @app.command("list")
-def list_definitions(local: _LocalOption = None, as_json: _JsonOption = False) -> None:
+def list_definitions(local: LocalOption = None, as_json: JsonOption = False) -> None:
     """List platforms and images."""
     found = load_definitions(local)
     if as_json:
@@ -98,7 +91,7 @@ def list_definitions(local: _LocalOption = None, as_json: _JsonOption = False) -
 
 
 @app.command("check")
-def check_definitions(local: _LocalOption = None, as_json: _JsonOption = False) -> None:
+def check_definitions(local: LocalOption = None, as_json: JsonOption = False) -> None:
     """Check every definition, lock file and local.yaml; report all problems at once."""
     found = load_definitions(local)
     problems: list[Problem] = []
@@ -128,10 +121,10 @@ def check_definitions(local: _LocalOption = None, as_json: _JsonOption = False) 
 
 @app.command("plan")
 def show_plan(
-    platform: _PlatformArgument,
-    image: _ImageArgument = "robot",
-    local: _LocalOption = None,
-    as_json: _JsonOption = False,
+    platform: PlatformArgument,
+    image: ImageArgument = "robot",
+    local: LocalOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Show every step, package, file and budget of a build, without building."""
     found, board, what = _chosen(platform, image, local)
@@ -159,14 +152,14 @@ def show_plan(
 
 @app.command("build")
 def build_image(
-    platform: _PlatformArgument,
-    image: _ImageArgument = "robot",
-    local: _LocalOption = None,
-    output: _OutputOption = OUTPUT,
+    platform: PlatformArgument,
+    image: ImageArgument = "robot",
+    local: LocalOption = None,
+    output: OutputOption = OUTPUT,
     update_lock: Annotated[
         bool, typer.Option("--update-lock", help="Resolve the current versions and lock them.")
     ] = False,
-    as_json: _JsonOption = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Build an image. An interrupted build resumes; cached steps are reused."""
     found, board, what = _chosen(platform, image, local)
@@ -196,14 +189,14 @@ def build_image(
 
 @app.command("size")
 def show_sizes(
-    platform: _PlatformArgument,
-    image: _ImageArgument = "robot",
-    output: _OutputOption = OUTPUT,
+    platform: PlatformArgument,
+    image: ImageArgument = "robot",
+    output: OutputOption = OUTPUT,
     most: Annotated[int, typer.Option("--most", "-n", min=1, help="Rows to show.")] = 25,
-    as_json: _JsonOption = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Show the size of a built image by component."""
-    folder = _built_folder(output, platform, image)
+    folder = built_folder(output, platform, image)
     groups = json.loads((folder / "sizes.json").read_text())
     report_ = json.loads((folder / "manifest.json").read_text())
     if as_json:
@@ -230,13 +223,6 @@ def show_sizes(
 def _chosen(platform: str, image: str, local: Path | None) -> tuple[Definitions, Platform, Image]:
     found = load_definitions(local)
     return (found, *found.chosen(platform, image))
-
-
-def _built_folder(output: Path, platform: str, image: str) -> Path:
-    folder = output / f"{platform}-{image}"
-    if not (folder / "manifest.json").is_file():
-        raise BuildError(f"{folder} is not built; run `evbotos build {platform} {image}`")
-    return folder
 
 
 def main() -> None:

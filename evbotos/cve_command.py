@@ -10,6 +10,7 @@ import typer
 
 from evbotos.build import OUTPUT
 from evbotos.errors import BuildError
+from evbotos.options import ImageArgument, JsonOption, OutputOption, PlatformArgument, built_folder
 from evbotos.terminal import ExitCode, console, new_table, write_json
 from evbotos.vulnerabilities import UNIMPORTANT, components_of, findings
 
@@ -17,15 +18,15 @@ _SHOWN: int = 70
 
 
 def cve(
-    platform: Annotated[str, typer.Argument(metavar="PLATFORM", help="The board: see `evbotos list`.")],
-    image: Annotated[str, typer.Argument(metavar="[IMAGE]", help="What was built for it.")] = "robot",
+    platform: PlatformArgument,
+    image: ImageArgument = "robot",
     database: Annotated[
         list[Path] | None,
         typer.Option("--database", "-d", help="JSON of Debian's security tracker, or OSV as JSON or zip; repeatable."),
     ] = None,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Output folder of builds.")] = OUTPUT,
+    output: OutputOption = OUTPUT,
     every: Annotated[bool, typer.Option("--all", help="Include those that Debian calls unimportant.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Write JSON.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """List known vulnerabilities of a built image. The exit code is 1 if there are any.
 
@@ -34,10 +35,7 @@ def cve(
     """
     if not database:
         raise BuildError("name a database file: --database; `evbotos cve --help` says where to get one")
-    bill = output / f"{platform}-{image}" / "sbom.cdx.json"
-    if not bill.is_file():
-        raise BuildError(f"{bill.parent} is not built; run `evbotos build {platform} {image}`")
-    components = components_of(bill)
+    components = components_of(built_folder(output, platform, image) / "sbom.cdx.json")
     known = sorted({one for file in database for one in findings(components, file)})
     shown = [one for one in known if every or one.urgency != UNIMPORTANT]
     if as_json:

@@ -19,6 +19,7 @@ from evbotos.disk_image import DiskImage, check_image
 from evbotos.errors import FlashError
 from evbotos.flash import Lost, Phase, Tell, opened, refusals, what_is_on, write_image
 from evbotos.identity import image_with
+from evbotos.options import JsonOption
 from evbotos.terminal import console, new_table, write_json
 
 _DOUBTED: Final = "It may contain a file system that this machine does not know."
@@ -34,7 +35,7 @@ def flash(
     identity: Annotated[
         Path | None, typer.Option("--identity", show_default=False, help="A robot's identity of `evbotos provision`.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Write JSON.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Write an image to a card or disk, read it back and compare.
 

@@ -12,6 +12,7 @@ from eal_actors.kernel.bundled import bundled_path
 from evbotos.errors import UpdateError
 from evbotos.fleet_robots import FleetRobots, read_update
 from evbotos.fleet_update import Outcome, summary, update_fleet
+from evbotos.options import JsonOption
 from evbotos.robot_files import served_robots
 from evbotos.terminal import console, write_json
 
@@ -41,7 +42,7 @@ def update(
     restart_s: Annotated[
         float, typer.Option("--restart-s", min=1, help="Longest time of a restart, in seconds.")
     ] = 300.0,
-    as_json: Annotated[bool, typer.Option("--json", help="Write JSON.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Update the robots of a fleet, one group after the other, over the fleet's own network.
 

@@ -15,6 +15,7 @@ from eal_actors.kernel.yaml_source import load_yaml
 from evbotos.definitions import load_definitions
 from evbotos.errors import BuildError
 from evbotos.identity import ENDING, address_hosts, host_key_in, identity_files, write_identity
+from evbotos.options import JsonOption
 from evbotos.robot_files import access_files, served_robots
 from evbotos.shell import run
 from evbotos.terminal import console, write_json
@@ -34,7 +35,7 @@ def provision(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder of identities.", show_default="beside the fleet file")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Write JSON.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Make an identity for each robot of a fleet: one image serves them all.
 

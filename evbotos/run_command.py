@@ -22,6 +22,7 @@ from evbotos.errors import BuildError
 from evbotos.hosttools import require
 from evbotos.identity import has_fleet, put_identity
 from evbotos.model import Emulator, Image, Local
+from evbotos.options import ImageArgument, LocalOption, OutputOption, PlatformArgument, built_folder
 from evbotos.provision_command import provision_fleet
 from evbotos.qemu import Machine, running
 from evbotos.robot_files import access_files
@@ -41,12 +42,10 @@ robots:
 
 
 def run_image(
-    platform: Annotated[str, typer.Argument(metavar="PLATFORM", help="The board: see `evbotos list`.")],
-    image: Annotated[str, typer.Argument(metavar="[IMAGE]", help="What was built for it.")] = "robot",
-    local: Annotated[
-        Path | None, typer.Option("--local", help="Your settings; they override others.", show_default="local.yaml")
-    ] = None,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Output folder of builds.")] = OUTPUT,
+    platform: PlatformArgument,
+    image: ImageArgument = "robot",
+    local: LocalOption = None,
+    output: OutputOption = OUTPUT,
     memory_mb: Annotated[
         int | None, typer.Option("--memory-mb", min=16, help="RAM.", show_default="what board and image need")
     ] = None,
@@ -65,9 +64,7 @@ def run_image(
     if board.emulator is None:
         raise BuildError(f"QEMU cannot emulate {board.name}")
     require([board.emulator.program, "mcopy"])
-    folder = output / f"{platform}-{image}"
-    if not (folder / "manifest.json").is_file():
-        raise BuildError(f"{folder} is not built; run `evbotos build {platform} {image}`")
+    folder = built_folder(output, platform, image)
     console_log = folder / "console.log"
     console_log.write_bytes(b"")
     out = Console(highlight=False, markup=False, emoji=False)

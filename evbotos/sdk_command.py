@@ -5,9 +5,6 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated
-
-import typer
 
 from eal_actors.kernel.clock import REAL_TIME
 from evbotos.apt_sources import sources_for
@@ -16,6 +13,7 @@ from evbotos.definitions import load_definitions
 from evbotos.hashing import file_sha256
 from evbotos.hosttools import require
 from evbotos.lock import require_lock
+from evbotos.options import JsonOption, LocalOption, OutputOption, PlatformArgument
 from evbotos.packages import Apt
 from evbotos.sdk import (
     ENVIRONMENT,
@@ -32,12 +30,10 @@ from evbotos.terminal import console, write_json
 
 
 def sdk(
-    platform: Annotated[str, typer.Argument(metavar="PLATFORM", help="The board: see `evbotos list`.")],
-    local: Annotated[
-        Path | None, typer.Option("--local", help="Your own settings.", show_default="local.yaml, if present")
-    ] = None,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Output folder of builds.")] = OUTPUT,
-    as_json: Annotated[bool, typer.Option("--json", help="Write JSON.")] = False,
+    platform: PlatformArgument,
+    local: LocalOption = None,
+    output: OutputOption = OUTPUT,
+    as_json: JsonOption = False,
 ) -> None:
     """Build the SDK of a platform: a sysroot and a script that sets CC and related variables."""
     found = load_definitions(local)

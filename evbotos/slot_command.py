@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from evbotos.build import OUTPUT
-from evbotos.errors import BuildError
+from evbotos.options import ImageArgument, JsonOption, OutputOption, PlatformArgument, built_folder
 from evbotos.terminal import console, write_json
 from evbotos.update import write_update
 
@@ -16,18 +16,16 @@ UPDATE = "update.tar"
 
 
 def slot(
-    platform: Annotated[str, typer.Argument(metavar="PLATFORM", help="The board: see `evbotos list`.")],
-    image: Annotated[str, typer.Argument(metavar="[IMAGE]", help="What was built for it.")] = "robot",
+    platform: PlatformArgument,
+    image: ImageArgument = "robot",
     key: Annotated[
         Path, typer.Option("--key", help="Your private key (ed25519, PEM); robots verify updates with its public key.")
     ] = Path("update.pem"),
-    output: Annotated[Path, typer.Option("--output", "-o", help="Output folder of builds.")] = OUTPUT,
-    as_json: Annotated[bool, typer.Option("--json", help="Write JSON.")] = False,
+    output: OutputOption = OUTPUT,
+    as_json: JsonOption = False,
 ) -> None:
     """Sign a built image as an update. On the robot, `evbotos-update install` writes it to the other slot."""
-    folder = output / f"{platform}-{image}"
-    if not (folder / "manifest.json").is_file():
-        raise BuildError(f"{folder} is not built; run `evbotos build {platform} {image}`")
+    folder = built_folder(output, platform, image)
     out = folder / UPDATE
     signed = write_update(folder, key, out)
     if as_json:

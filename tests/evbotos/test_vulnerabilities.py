@@ -112,6 +112,7 @@ def built(tmp_path: Path) -> Path:
     folder = tmp_path / "out/qemu-amd64-robot"
     folder.mkdir(parents=True)
     (folder / "sbom.cdx.json").write_text(bill)
+    (folder / "manifest.json").write_text("{}")
     return tmp_path
 
 
