@@ -86,11 +86,11 @@ class MqttReader(Resource):
             DataError: it is too long, or not what the settings say.
             NotReadyError: there is none, or it is too old.
         """
-        self._refresh()
+        why = self.not_ready()  # which takes what has arrived
         if self._problem is not None:
             raise self._problem
-        if self._newest is None or (why := self.not_ready()) is not None:
-            raise NotReadyError(self.not_ready() or why or "no message yet")
+        if self._newest is None or why is not None:
+            raise NotReadyError(why or "no message yet")
         value = decode(self._newest.payload, self._settings)
         return EALData.of(value, unit=self._settings.unit, stamp_s=self._newest.arrived_s)
 

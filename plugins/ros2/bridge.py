@@ -15,11 +15,10 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
-from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 from eal_actors import EALData, EALError, Fleet, Future, RobotHandle
-from eal_actors.plugin import DataError, Field, LogLimit, PluginSettingsModel, get_logger
+from eal_actors.plugin import DataError, Field, LogLimit, get_logger
 from eal_actors.recording.sampler import Sampler, SampleSpec
 
 from . import graph
@@ -27,6 +26,7 @@ from .endpoints import RosSubscription
 from .message_types import MessageTypes
 from .outgoing import FleetTopics, ros_name
 from .session import RosSession
+from .settings import GraphSettings
 
 _BASE: Final = "Base"
 _TICK_S: Final = 0.02
@@ -38,17 +38,9 @@ _PICTURE_S: Final = 30.0
 """Deadline of a picture: the first one of a simulated camera takes seconds on a busy machine."""
 
 
-class BridgeSettings(PluginSettingsModel):
+class BridgeSettings(GraphSettings):
     """The settings of `eal bridge ros2`."""
 
-    router: str = Field(default="tcp/127.0.0.1:7447", pattern=r"^(tcp|tls|quic|udp|unixsock-stream)/\S+$")
-    """Endpoint of the zenoh router (`rmw_zenohd`)."""
-    zenoh_config: str | None = None
-    """A zenoh configuration file, for certificates."""
-    domain: int = Field(default=0, ge=0, le=232)
-    """The ROS domain (ROS_DOMAIN_ID)."""
-    distribution: Literal["humble", "jazzy", "kilted"] = "jazzy"
-    """The distribution of the other nodes."""
     rate_hz: float = Field(default=10.0, gt=0, le=100)
     """Messages of each sensor in a second."""
     camera_rate_hz: float = Field(default=2.0, gt=0, le=30)
@@ -65,8 +57,7 @@ def open_bridge(fleet: Fleet, settings: BridgeSettings) -> Iterator[str]:
         PluginError: zenoh's configuration is wrong.
     """
     types = MessageTypes(settings.distribution)
-    config = None if settings.zenoh_config is None else Path(settings.zenoh_config)
-    session = RosSession(settings.router, settings.domain, config)
+    session = RosSession(settings.router, settings.domain, settings.zenoh_config)
     try:
         steps: list[SubscribedFeed | VelocityFollower] = []
         specs = []

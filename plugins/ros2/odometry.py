@@ -151,9 +151,9 @@ class RosOdometer:
             UnavailableError: it is too old.
         """
         self.refresh()
-        latest = self._latest
-        if latest is None or (problem := self.why_not_ready()):
-            raise UnavailableError(self.why_not_ready() or problem or "no odometry has arrived")
+        latest, problem = self._latest, self.why_not_ready()
+        if latest is None or problem:
+            raise UnavailableError(problem or "no odometry has arrived")
         return latest
 
 

@@ -55,8 +55,7 @@ def connect(context: PluginContext) -> Ros2Plugin:
     if settings.drive is None and not settings.topics and not settings.services:
         raise PluginError("ros2 needs `drive`, `topics` or `services`")
     types = _types(context, settings)
-    config = None if settings.zenoh_config is None else Path(settings.zenoh_config)
-    session = RosSession(settings.router, settings.domain, config)
+    session = RosSession(settings.router, settings.domain, settings.zenoh_config)
     try:
         node = session.node(settings.namespace, f"eal_{context.robot}".replace("-", "_"))
         makers: dict[str, Callable[[], Resource]] = {}

@@ -74,19 +74,22 @@ class TopicReader:
 
     def why_not_ready(self) -> str | None:
         """Return why the topic is silent; None if it is not."""
-        age_s = self._clock.now() - self._arrived_s
-        if self._message is not None and (self._timeout_s is None or age_s <= self._timeout_s):
+        if not self._is_silent():
             return None
         try:
             self.refresh()
         except DataError:  # `read` raises it
             return None
-        age_s = self._clock.now() - self._arrived_s
-        if self._message is not None and (self._timeout_s is None or age_s <= self._timeout_s):
+        if not self._is_silent():
             return None
-        topic = self._subscription.topic
+        topic, age_s = self._subscription.topic, self._clock.now() - self._arrived_s
         absent = self._session.why_absent(graph.PUBLISHER, topic, self._subscription.kind)
         return absent or f"no message on {topic}" + (f" for {age_s:.1f} s" if age_s < math.inf else " yet")
+
+    def _is_silent(self) -> bool:
+        if self._message is None or self._timeout_s is None:
+            return self._message is None
+        return self._clock.now() - self._arrived_s > self._timeout_s
 
     def read(self) -> tuple[Any, float]:
         """Return the newest message, and its time in seconds of the fleet's clock.
@@ -95,9 +98,9 @@ class TopicReader:
             DataError: it is no message of the topic's type, or too long.
             NotReadyError: there is none, or it is too old.
         """
-        message = self.refresh()
-        if message is None or (problem := self.why_not_ready()) is not None:
-            raise NotReadyError(self.why_not_ready() or problem or "no message yet")
+        message, problem = self.refresh(), self.why_not_ready()
+        if message is None or problem is not None:
+            raise NotReadyError(problem or "no message yet")
         return message, self._stamp_s
 
 

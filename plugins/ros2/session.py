@@ -19,7 +19,6 @@ import threading
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, Final
 
 import zenoh
@@ -50,7 +49,7 @@ class RosSession:
         PluginError: the configuration file is no zenoh configuration.
     """
 
-    def __init__(self, endpoint: str, domain: int, config: Path | None = None) -> None:
+    def __init__(self, endpoint: str, domain: int, config: str | None = None) -> None:
         self.endpoint: Final = endpoint
         self.domain: Final = domain
         self._config = _configuration(endpoint, config)
@@ -116,9 +115,9 @@ class RosSession:
         Raises:
             UnavailableError: it is not open.
         """
-        session = self._session
-        if session is None or (problem := self.why_not_ready()):
-            raise UnavailableError(self.why_not_ready() or problem or "the session is closed")
+        session, problem = self._session, self.why_not_ready()
+        if session is None or problem:
+            raise UnavailableError(problem or "the session is closed")
         return session
 
     # The graph.
@@ -274,7 +273,7 @@ def _reason(error: zenoh.ZError) -> str:
     return re.split(r"\s+at /", str(error))[0].strip()
 
 
-def _configuration(endpoint: str, file: Path | None) -> zenoh.Config:
+def _configuration(endpoint: str, file: str | None) -> zenoh.Config:
     settings: Iterable[tuple[str, Any]] = (
         ("mode", "client"),
         ("connect/endpoints", [endpoint]),
@@ -286,7 +285,7 @@ def _configuration(endpoint: str, file: Path | None) -> zenoh.Config:
         ("transport/link/tx/queue/congestion_control/block/wait_before_close", 500_000),
     )
     try:
-        config = zenoh.Config() if file is None else zenoh.Config.from_file(str(file))
+        config = zenoh.Config() if file is None else zenoh.Config.from_file(file)
         for key, value in settings:
             config.insert_json5(key, json.dumps(value))
     except zenoh.ZError as error:

@@ -68,8 +68,8 @@ class DriveSettings(MobileBaseSettings):
     """Age of the odometry at which a motion stops and the base is not ready, in seconds of the fleet's clock."""
 
 
-class Settings(PluginSettingsModel):
-    """The plugin's settings in the fleet file."""
+class GraphSettings(PluginSettingsModel):
+    """A session in a ROS 2 graph."""
 
     router: str = Field(default="tcp/127.0.0.1:7447", pattern=r"^(tcp|tls|quic|udp|unixsock-stream)/\S+$")
     """Endpoint of the zenoh router (`rmw_zenohd`), or of a robot that listens."""
@@ -78,7 +78,12 @@ class Settings(PluginSettingsModel):
     domain: int = Field(default=0, ge=0, le=232)
     """The ROS domain (ROS_DOMAIN_ID)."""
     distribution: Literal["humble", "jazzy", "kilted"] = "jazzy"
-    """The ROS 2 distribution of the robot: its message definitions. Humble has no type hashes."""
+    """The ROS 2 distribution of the other nodes: their message definitions. Humble has no type hashes."""
+
+
+class Settings(GraphSettings):
+    """The plugin's settings in the fleet file."""
+
     namespace: str = Field(default="/", pattern=r"^/?([A-Za-z_][A-Za-z0-9_]*/?)*$")
     """Namespace of the robot's topics and services."""
     messages: str | None = None

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from typing_extensions import override
 
-from eal_actors.plugin import DataType, EALData, NotReadyError, Resource, ResourceType, ValueInfo
+from eal_actors.plugin import DataType, EALData, Resource, ResourceType, ValueInfo
 
 from .tracker import Tracker
 
@@ -56,9 +56,7 @@ class FloorPicture(Resource):
         return self._tracker.after_first_picture(self._picture)
 
     def _picture(self) -> EALData:
-        cameras = [camera for camera in self._tracker.look() if camera.mounting is not None]
-        if not cameras:
-            raise NotReadyError("; ".join(one.text for one in self._tracker.problems) or "no picture yet")
+        cameras = self._tracker.look(placed=True)
         floor = np.zeros((*self._points.shape[:2], 3), np.uint8)
         for camera in cameras:
             view = cv2.remap(camera.picture, *cv2.split(self._pixels_of(camera)), cv2.INTER_LINEAR)  # type: ignore[call-overload]

@@ -13,7 +13,6 @@ from eal_actors.plugin import (
     Clock,
     DataType,
     EALData,
-    NotReadyError,
     Resource,
     ResourceType,
     ValueInfo,
@@ -94,8 +93,6 @@ class TrackedPicture(Resource):
 
     def _picture(self) -> EALData:
         cameras = self._tracker.look()
-        if not cameras:
-            raise NotReadyError("; ".join(one.text for one in self._tracker.problems) or "no picture yet")
         images = [draw(camera) for camera in cameras]
         height = max(image.shape[0] for image in images)
         images = [

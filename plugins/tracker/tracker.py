@@ -140,7 +140,7 @@ class Tracker:
                 if name in self._live and camera.stamp_s is not None and camera.mounting
             ]
             if not ready:
-                raise NotReadyError("; ".join(one.text for one in self._problems.present) or "no picture yet")
+                raise self._no_picture()
             newest_s = max(camera.stamp_s for camera in ready if camera.stamp_s is not None)
             return Fixes(newest_s, self._fused(ready, newest_s))
 
@@ -162,14 +162,24 @@ class Tracker:
         with self._lock:
             return self._problems.present
 
-    def look(self) -> tuple[CameraTracker, ...]:
-        """Process the newest pictures and return the cameras that have one."""
+    def look(self, *, placed: bool = False) -> tuple[CameraTracker, ...]:
+        """Process the newest pictures and return the cameras that have one, and with `placed` know their pose.
+
+        Raises:
+            NotReadyError: there is none.
+        """
         with self._lock:
             self._update()
             for name, camera in self.cameras.items():
                 if camera.stamp_s is not None and camera.picture is None:
                     camera.picture, _ = self._feeds[name].newest()
-            return tuple(camera for camera in self.cameras.values() if camera.picture is not None)
+            found = [one for one in self.cameras.values() if one.picture is not None and (one.mounting or not placed)]
+            if not found:
+                raise self._no_picture()
+            return tuple(found)
+
+    def _no_picture(self) -> NotReadyError:
+        return NotReadyError("; ".join(one.text for one in self._problems.present) or "no picture yet")
 
     def _update(self) -> None:
         """Process the newest picture of each camera. Thread: holds the lock."""
