@@ -39,7 +39,7 @@ from evbotos.hosttools import needed_for, require
 from evbotos.lock import Lock, LockedPackage, read_lock, require_lock
 from evbotos.locking import lock_present_versions
 from evbotos.model import Image, Kernel, Local, PackagedKernel, Platform
-from evbotos.outputs import Built, Made, manifest_of, root_with_kernel_mb, write_outputs
+from evbotos.outputs import Built, Made, manifest_of, root_with_kernel_mb, write_outputs, writing
 from evbotos.packages import Apt
 from evbotos.plan import layers_of, step_names
 from evbotos.robot_files import gather_robot_files
@@ -118,6 +118,9 @@ class Build:
             ConfigError: the lock file is invalid.
         """
         require(needed_for(self._platform))
+        folder = output / f"{self._platform.name}-{self._image.name}"
+        with writing(folder):  # before minutes of work
+            folder.mkdir(parents=True, exist_ok=True)
         with owned(self._cache):
             lock = self._lock(update_lock)
             debs, wheels = self._fetch(lock)
@@ -141,7 +144,6 @@ class Build:
                 initrd=initrd,
                 emulator=self.runner.run(self._emulator_step(lock, kernel_folder)) if needs_stand_ins else None,
             )
-            folder = output / f"{self._platform.name}-{self._image.name}"
             self._see_to_the_budget(root_with_kernel_mb(made, self._platform))
             return write_outputs(self._platform, self._image, lock, made, self.runner.done, self._warnings, folder)
 

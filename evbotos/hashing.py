@@ -24,6 +24,12 @@ def files_sha256(files: Iterable[tuple[str, Path]]) -> str:
     return digest.hexdigest()
 
 
+def tree_sha256(path: Path) -> str:
+    """Return one hash of a file, or of the files of a folder."""
+    paths = [path] if path.is_file() else [item for item in path.rglob("*") if item.is_symlink() or item.is_file()]
+    return files_sha256((item.relative_to(path).as_posix(), item) for item in paths)
+
+
 def _content(path: Path) -> str:
     return f"{file_sha256(path)} {bool(path.stat().st_mode & 0o100)}"
 

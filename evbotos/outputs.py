@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import eal_actors
 from evbotos import slots, verity
+from evbotos.errors import BuildError
 from evbotos.hashing import file_sha256
 from evbotos.lock import Lock
 from evbotos.model import Image, Platform
@@ -70,6 +72,19 @@ def manifest_of(lock: Lock, image: Image) -> dict[str, Any]:
     }
 
 
+@contextmanager
+def writing(folder: Path) -> Iterator[None]:
+    """Name the output folder in errors of a `with` block that writes to it.
+
+    Raises:
+        BuildError: it cannot be written.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise BuildError(f"{folder} cannot be written: {error.strerror or error}") from error
+
+
 def write_outputs(
     platform: Platform,
     image: Image,
@@ -89,8 +104,10 @@ def write_outputs(
         steps: the executed steps.
         warnings: the warnings of the build.
         folder: the output folder.
+
+    Raises:
+        BuildError: the folder cannot be written.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     sources: dict[str, Path | None] = {
         "root.squashfs": made.root / verity.ROOT,
         "kernel": made.kernel / platform.kernel.file,
@@ -101,11 +118,12 @@ def write_outputs(
         "initrd": made.initrd,
         **{name: made.emulator and made.emulator / name for name in (LOADER, DEVICE_TREE)},
     }
-    for name, source in sources.items():
-        if source is not None and source.exists():
-            place(source, folder / name)
-        else:  # an earlier build may have created it
-            (folder / name).unlink(missing_ok=True)
+    with writing(folder):
+        for name, source in sources.items():
+            if source is not None and source.exists():
+                place(source, folder / name)
+            else:  # an earlier build may have created it
+                (folder / name).unlink(missing_ok=True)
     files = {name: folder / name for name in ("root.squashfs", "kernel", "disk.img")}
     report = {
         **manifest_of(lock, image),

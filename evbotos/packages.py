@@ -71,7 +71,7 @@ class Apt:
         files = []
         for package in packages:
             file = folder / f"{package.sha256}.deb"
-            if not file.is_file():
+            if not file.is_file() or file_sha256(file) != package.sha256:
                 self._download(package, file)
             files.append(file)
         return files

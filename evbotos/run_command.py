@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import shutil
 import sys
 from math import ceil
@@ -114,8 +115,10 @@ def trial_identity(folder: Path, local: Local) -> Path:
 
 
 def _show_ports(out: Console, machine: Machine, trial: Path | None) -> None:
-    key = f" -i {trial / 'ssh'} -o UserKnownHostsFile=/dev/null" if trial is not None else ""
-    fleet = trial / "fleet.yaml" if trial is not None else "FLEET"
+    key, fleet = "", "FLEET"
+    if trial is not None:
+        key = f" -i {shlex.quote(str(trial / 'ssh'))} -o UserKnownHostsFile=/dev/null"
+        fleet = shlex.quote(str(trial / "fleet.yaml"))
     ports = machine.ports
     out.print(f"SSH: ssh -p {ports['ssh']}{key} root@127.0.0.1", soft_wrap=True)
     out.print(f"EAL: EVBOT_PORT={ports['eal']} eal run square --fleet {fleet}", soft_wrap=True)

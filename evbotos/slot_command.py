@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -32,4 +33,4 @@ def slot(
         write_json({"file": str(out), **signed})
         return
     console().print(f"{out}: {out.stat().st_size / 1e6:.1f} MB, {image} {signed['version']} for {platform}")
-    console().print(f"Install it: ssh root@ROBOT evbotos-update install - < {out}", soft_wrap=True)
+    console().print(f"Install it: ssh root@ROBOT evbotos-update install - < {shlex.quote(str(out))}", soft_wrap=True)

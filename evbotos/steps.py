@@ -13,6 +13,7 @@ from pathlib import Path
 
 from eal_actors.kernel.clock import REAL_TIME
 from evbotos.errors import RESUME, BuildError, DiskFullError
+from evbotos.hashing import tree_sha256
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,12 +80,14 @@ class Runner:
         """
         outcome = self.outcome(step)
         start_s = REAL_TIME.now()
-        cached = outcome.exists()
+        cached = outcome.exists() and self._is_intact(step)
         if cached:
             os.utime(outcome)
         else:
+            remove(outcome)
             self.tell(f"{step.name}{self._estimate(step.name)}")
             self._make(step, outcome)
+            self._note_digest(step, tree_sha256(outcome))
         seconds = round(REAL_TIME.now() - start_s, 2)
         self.done.append(
             StepDone(step.name, step.key, seconds, cached, self._made_s(step, None if cached else seconds))
@@ -99,6 +102,24 @@ class Runner:
             note.write_text(f"{seconds}\n")
             return seconds
         return float(note.read_text()) if note.is_file() else None
+
+    def _is_intact(self, step: Step) -> bool:
+        """Return whether a result is as it was made: disks fail, and so does memory."""
+        noted, found = self._digest(step), tree_sha256(self.outcome(step))
+        if not noted.is_file():  # an earlier version made it
+            self._note_digest(step, found)
+        is_intact = noted.read_text() == found
+        if not is_intact:
+            self.tell(f"warning: {self.outcome(step)} has changed since it was made; it is made again")
+        return is_intact
+
+    def _digest(self, step: Step) -> Path:
+        return self.folder / "digests" / f"{step.name}-{step.key}"
+
+    def _note_digest(self, step: Step, digest: str) -> None:
+        note = self._digest(step)
+        note.parent.mkdir(exist_ok=True)
+        note.write_text(digest)
 
     def _estimate(self, name: str) -> str:
         """Return a step's number, how long it took the last time, and how long those after it took."""

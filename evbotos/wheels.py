@@ -70,7 +70,7 @@ def fetch_wheels(platform: Platform, wheels: Iterable[LockedWheel], folder: Path
         BuildError: a file is no longer offered, or does not match the lock.
     """
     found = {wheel: folder / wheel.sha256 / wheel.file for wheel in wheels}
-    missing = [wheel for wheel, file in found.items() if not file.is_file()]
+    missing = [wheel for wheel, file in found.items() if not file.is_file() or file_sha256(file) != wheel.sha256]
     folder.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(dir=folder, prefix=".part-") as part:
         if missing:

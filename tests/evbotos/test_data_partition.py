@@ -9,6 +9,7 @@ import pytest
 from evbotos.disk import parts_of
 from evbotos.qemu import Machine
 from tests.evbotos.proof import ROBOT, SERVES, Proof, answer, said, started, wait_for_words
+from tests.evbotos.proofs import restart
 
 _JOURNAL = bytes.fromhex("c03b3998 00000004")
 """How the journal's superblock begins."""
@@ -46,3 +47,11 @@ def test_a_robot_starts_with_a_full_data_partition_and_files_in_place_of_folders
     wait_for_words(machine, SERVES, times=3)
     assert said(machine).count("the data partition cannot be written") == 1
     answer(proof, machine, "cmp /data/serve/keys/more /data/robot/keys/more")
+
+
+def test_a_restart_lets_the_robot_halt_first_and_leaves_the_partition_clean(proof: Proof, machine: Machine) -> None:
+    wait_for_words(machine, SERVES)
+    restart(proof, machine)
+    wait_for_words(machine, SERVES, times=2)
+    assert "halted; leaving the network" in answer(proof, machine, "cat /data/log/robot.log")
+    assert "recovery complete" not in answer(proof, machine, "dmesg")

@@ -1,9 +1,16 @@
 from __future__ import annotations
 
+from pathlib import Path
+
+import pytest
+
+from evbotos.build import Build
 from evbotos.definitions import load_definitions
 from evbotos.disk import kernel_line
+from evbotos.errors import BuildError
 from evbotos.hosttools import needed_for
 from evbotos.lock import FOLDER, asked_by, lock_path, read_lock
+from evbotos.model import Local
 from evbotos.plan import files_of, layers_of, make_plan
 from evbotos.run_command import memory_for
 
@@ -73,3 +80,16 @@ def test_an_emulated_machine_has_the_memory_that_its_image_needs() -> None:
     assert emulator is not None
     assert [memory_for(emulator, found.image(name)) for name in ("minimal", "robot", "octave")] == [128, 128, 256]
     assert memory_for(emulator.model_copy(update={"memory_mb": 512}), found.image("octave")) == 512
+
+
+def test_an_output_folder_that_cannot_be_written_is_reported_before_the_build(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found, file = load_definitions(), tmp_path / "file"
+    file.touch()
+    monkeypatch.setattr("evbotos.build.require", lambda _: None)
+    platform, image = found.platform("qemu-amd64"), found.image("robot")
+    build = Build(platform, image, Local(version=1, cache=str(tmp_path / "cache")), file, lambda _: None)
+    with pytest.raises(BuildError, match=r"file/qemu-amd64-robot cannot be written: Not a directory"):
+        build.run(file)
+    assert not (tmp_path / "cache").exists()

@@ -30,6 +30,24 @@ def test_a_step_is_made_once(tmp_path: Path) -> None:
     assert told == ["one"]
 
 
+@pytest.mark.parametrize("is_noted", [True, False])
+def test_a_result_that_has_changed_in_the_cache_is_made_again(tmp_path: Path, is_noted: bool) -> None:
+    told: list[str] = []
+
+    def make(out: Path) -> None:
+        out.mkdir()
+        (out / "kernel").write_text("made")
+
+    step, runner = Step("one", "key", make), Runner(tmp_path, told.append)
+    runner.run(step)
+    if not is_noted:  # as in the cache of an earlier version, which noted no digests
+        (tmp_path / "digests/one-key").unlink()
+        runner.run(step)
+    (runner.outcome(step) / "kernel").write_text("mage")
+    assert (runner.run(step) / "kernel").read_text() == "made"
+    assert told[1:-1] == [f"warning: {runner.outcome(step)} has changed since it was made; it is made again"]
+
+
 def test_a_step_says_how_long_the_last_one_of_its_name_took(tmp_path: Path) -> None:
     told: list[str] = []
     runner = Runner(tmp_path, told.append)
