@@ -37,6 +37,7 @@ from .world import SimWorld, world_of
 
 __all__ = ["Settings", "SimPlugin", "connect", "disconnect", "open_camera", "open_port"]
 
+_NO_PICTURES = "pictures need OpenCV: pip install 'eal-actors[vision]'"
 _ALL_MAKES = (
     "Base",
     "Odometry",
@@ -121,17 +122,16 @@ class Settings(PluginSettingsModel):
         return {"start": f"the robot does not fit there into {room} and from {-half_y_m:g} to {half_y_m:g} m in y"}
 
 
-def _working(context: PluginContext) -> tuple[str, ...]:
-    """Return the resources that work here: without OpenCV there are no pictures."""
-    names: tuple[str, ...] = context.settings.resources
+def _left_out(context: PluginContext) -> dict[str, str]:
+    """Return the resources that do not work here, and why: without OpenCV there are no pictures."""
     if importlib.util.find_spec("cv2") is not None:
-        return names
+        return {}
     context.services.shared("sim.without_pictures", _warn_of_pictures)  # once for all robots of a fleet
-    return tuple(name for name in names if name != "Camera")
+    return {"Camera": _NO_PICTURES}
 
 
 def _warn_of_pictures() -> None:
-    get_logger().warning("Camera is left out: pictures need OpenCV: pip install 'eal-actors[vision]'")
+    get_logger().warning(f"Camera is left out: {_NO_PICTURES}")
 
 
 class SimPlugin(FactoryPlugin):
@@ -150,12 +150,14 @@ class SimPlugin(FactoryPlugin):
             pose = resources.Pose(world, robot, context.localizer, context.clock, is_calibrated=is_calibrated)
             return apply_faults(pose, robot)
 
-        makers: dict[str, Callable[[], Resource]] = {name: partial(make, name) for name in _working(context)}
+        left_out = _left_out(context)
+        names = [name for name in settings.resources if name not in left_out]
+        makers: dict[str, Callable[[], Resource]] = {name: partial(make, name) for name in names}
         makers["Base"] = lambda: apply_faults(resources.Base(world, robot, context), robot)
         makers["Pose"] = make_pose
         makers["TruePose"] = lambda: resources.TruePose(world, robot)  # no fault affects it
         makers["Faults"] = lambda: _faults(context, world, robot)
-        super().__init__(makers)
+        super().__init__(makers, tuple(left_out.values()))
         self.world = world
         self.robot = robot
 

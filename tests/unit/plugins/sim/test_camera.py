@@ -186,11 +186,12 @@ def test_without_opencv_a_robot_has_everything_but_a_camera() -> None:
         "from eal_actors.testing import Simulation\n"
         "with Simulation({'r1': 'evbot3', 'r2': 'roomba'}) as fleet:\n"
         "    fleet['r1']['Base'].get_status().get()\n"
-        "    print(*fleet['r1'])\n"
+        "    print(*fleet['r1'], *fleet['r2'].left_out, sep=';')\n"
     )
     done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
-    names = done.stdout.splitlines()[-1].split()
+    *names, why = done.stdout.splitlines()[-1].split(";")
+    assert why == "pictures need OpenCV: pip install 'eal-actors[vision]'"
     assert "Base" in names
     assert "Camera" not in names
     assert (done.stdout + done.stderr).count("Camera is left out: pictures need OpenCV") == 1
