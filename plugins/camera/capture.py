@@ -6,11 +6,12 @@ A capture raises `OSError` if the source is absent or lost and may come back, an
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final, TypeAlias
+from typing import Any, ClassVar, Final, TypeAlias
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import override
 
 Image: TypeAlias = NDArray[np.uint8]
 """A picture in OpenCV's format: (height, width, 3), rows from the top, blue first."""
@@ -49,6 +50,32 @@ class Capture:
     def release(self) -> None:
         """Close the source."""
         raise NotImplementedError
+
+
+class LiveCapture(Capture):
+    """A camera or stream that delivers pictures in its own time.
+
+    Args:
+        capture: an open `cv2.VideoCapture`.
+    """
+
+    period_s = None
+    lost: ClassVar[str]
+    """Why no picture comes, for messages."""
+
+    def __init__(self, capture: Any) -> None:
+        self._capture = capture
+
+    @override
+    def read(self) -> Image:
+        is_read, image = self._capture.read()
+        if not is_read:
+            raise OSError(self.lost)
+        return np.asarray(image, np.uint8)
+
+    @override
+    def release(self) -> None:
+        self._capture.release()
 
 
 def real_s() -> float:

@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any, Final
 
 import cv2
-import numpy as np
 from typing_extensions import override
 
-from .capture import Capture, Image, fps_of, is_same_fps
+from .capture import LiveCapture, fps_of, is_same_fps, size_of
 
 _MANUAL: Final = 1.0
 """The exposure mode of V4L2 with a manual exposure time (V4L2_EXPOSURE_MANUAL)."""
@@ -48,7 +47,7 @@ def _require_usable(path: Path) -> None:
         raise OSError("no permission; its user must be in the group `video`")
 
 
-class CaptureDevice(Capture):
+class CaptureDevice(LiveCapture):
     """An open camera.
 
     Args:
@@ -59,10 +58,10 @@ class CaptureDevice(Capture):
         OSError: it does not support the encoding; the capture is released.
     """
 
-    period_s: float | None = None
+    lost = "it no longer delivers pictures; was it unplugged?"
 
     def __init__(self, capture: Any, fourcc: str | None) -> None:
-        self._capture = capture
+        super().__init__(capture)
         capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # no queue of old pictures
         if fourcc is not None:
             wanted = cv2.VideoWriter.fourcc(*fourcc)
@@ -77,15 +76,8 @@ class CaptureDevice(Capture):
         self._normal_exposure = capture.get(cv2.CAP_PROP_EXPOSURE)
 
     @override
-    def read(self) -> Image:
-        is_read, image = self._capture.read()
-        if not is_read:
-            raise OSError("it no longer delivers pictures; was it unplugged?")
-        return np.asarray(image, np.uint8)
-
-    @override
     def mode(self) -> dict[str, float]:
-        return {**self._size(), **fps_of(self._capture), "exposure": self._exposure()}
+        return {**size_of(self._capture), **fps_of(self._capture), "exposure": self._exposure()}
 
     @override
     def adjust(self, wishes: Mapping[str, float]) -> list[str]:
@@ -102,26 +94,16 @@ class CaptureDevice(Capture):
             refused += self._adjust_exposure(wishes["exposure"])
         return refused
 
-    @override
-    def release(self) -> None:
-        self._capture.release()
-
-    def _size(self) -> dict[str, float]:
-        return {
-            "width": self._capture.get(cv2.CAP_PROP_FRAME_WIDTH),
-            "height": self._capture.get(cv2.CAP_PROP_FRAME_HEIGHT),
-        }
-
     def _set_size(self, size: Mapping[str, float]) -> None:
         self._capture.set(cv2.CAP_PROP_FRAME_WIDTH, size["width"])  # takes effect with the height
         self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, size["height"])
 
     def _adjust_size(self, wishes: Mapping[str, float]) -> list[str]:
-        before = self._size()
+        before = size_of(self._capture)
         if all(before[key] == wish for key, wish in wishes.items()):
             return []  # a camera that streams stops for a new size
         self._set_size({**before, **wishes})
-        found = self._size()
+        found = size_of(self._capture)
         if all(found[key] == wish for key, wish in wishes.items()):
             return []
         self._set_size(before)

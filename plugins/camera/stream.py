@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import cv2
-import numpy as np
 from typing_extensions import override
 
-from .capture import Capture, Image, fps_of, refuse_all, size_of
+from .capture import LiveCapture, fps_of, refuse_all, size_of
 
 
 def open_stream(url: str, timeout_s: float) -> NetworkStream:
@@ -31,24 +29,10 @@ def open_stream(url: str, timeout_s: float) -> NetworkStream:
     return NetworkStream(capture)
 
 
-class NetworkStream(Capture):
-    """An open stream. The sender determines its size and rate.
+class NetworkStream(LiveCapture):
+    """An open stream. The sender determines its size and rate."""
 
-    Args:
-        capture: an open `cv2.VideoCapture`.
-    """
-
-    period_s: float | None = None
-
-    def __init__(self, capture: Any) -> None:
-        self._capture = capture
-
-    @override
-    def read(self) -> Image:
-        is_read, image = self._capture.read()
-        if not is_read:
-            raise OSError("the stream has ended or timed out")
-        return np.asarray(image, np.uint8)
+    lost = "the stream has ended or timed out"
 
     @override
     def mode(self) -> dict[str, float]:
@@ -57,7 +41,3 @@ class NetworkStream(Capture):
     @override
     def adjust(self, wishes: Mapping[str, float]) -> list[str]:
         return refuse_all("stream", {**size_of(self._capture), **self.mode()}, wishes)
-
-    @override
-    def release(self) -> None:
-        self._capture.release()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -62,9 +63,9 @@ def check_guided(link: MavLink) -> None:
         raise ResourceFaultError(f"halted: the vehicle was taken over, it is in {link.mode()}")
 
 
-def _until(condition: object, what: str) -> Activity:
+def _until(condition: Callable[[], bool], what: str) -> Activity:
     for _ in range(int(_CONFIRM_S / _POLL_S)):
-        if callable(condition) and condition():
+        if condition():
             return
         yield _POLL_S
     raise UnavailableError(f"the vehicle's heartbeat does not say that it {what}")

@@ -130,7 +130,7 @@ class Base(DifferentialBase):
                     yield _PERIOD_S
         finally:
             if is_over:
-                self._link.finish()
+                self._link.release()
             else:
                 self.halt()
         return 1

@@ -98,7 +98,7 @@ class AgvLink:
 
     def close(self) -> None:
         """End the connections."""
-        self._release()
+        self.release()
         for connection in (self._released, self._connection):
             if connection is not None:
                 connection.close()
@@ -142,10 +142,9 @@ class AgvLink:
         if self._connected != "ONLINE":
             said = "nothing yet" if self._connected is None else self._connected
             return self._problem or f"the AGV is not online: {self._prefix}/connection says {said}"
-        arrived_s = -math.inf if self._newest is None else self._newest[1]
-        if self._clock.now() - arrived_s <= self._settings.state_timeout_s and self._problem is None:
+        if self._clock.now() - self.arrived_s <= self._settings.state_timeout_s and self._problem is None:
             return None
-        return self._problem or f"no state on {self._prefix}/state{age_text(arrived_s, self._clock.now())}"
+        return self._problem or f"no state on {self._prefix}/state{age_text(self.arrived_s, self._clock.now())}"
 
     def why_no_orders(self) -> str | None:
         """Return why the AGV takes no orders now."""
@@ -169,7 +168,7 @@ class AgvLink:
     def state_since(self, sent_s: float) -> AgvState | None:
         """Return the newest state if it arrived after a time. Raises what `state` raises."""
         state = self.state()
-        return state if self._newest is not None and self._newest[1] > sent_s else None
+        return state if self.arrived_s > sent_s else None
 
     @property
     def is_halting(self) -> bool:
@@ -272,15 +271,12 @@ class AgvLink:
                     self.send_actions([instant("stopPause", f"resume-{uuid.uuid4().hex[:12]}")])
                 except EALError as error:
                     self._log.warning("the AGV stays paused", reason=error.message)
-            self._release()
+            self.release()
         elif self._clock.now() >= self._repeat_s:
             self._send_halt()
 
-    def finish(self) -> None:
-        """Let the AGV go after an order that is done."""
-        self._release()
-
-    def _release(self) -> None:
+    def release(self) -> None:
+        """Let the AGV go: nothing is ordered any more."""
         commander, self._commander = self._commander, None
         if commander is not None:
             commander.close(wait=False)
