@@ -55,12 +55,11 @@ def is_inside(model: WorldModel, x_m: float, y_m: float, radius_m: float) -> boo
 
 def is_on_floor(model: WorldModel, pose: Pose2D, radius_m: float) -> bool:
     """Return whether no part of a disc is over a drop."""
-    return all(distance_m >= radius_m for distance_m in distances_to_drops_m(model, pose))
+    return all(distance_m >= radius_m for distance_m in distances_to_drops_m(model, *pose[:2]))
 
 
-def distances_to_drops_m(model: WorldModel, pose: Pose2D) -> list[float]:
+def distances_to_drops_m(model: WorldModel, x_m: float, y_m: float) -> list[float]:
     """Return the distance of a point from each drop of a world; 0 inside."""
-    x_m, y_m, _ = pose
     found = []
     for drop in model.drops:
         yaw_rad = math.radians(drop.yaw_deg)

@@ -129,11 +129,6 @@ class Make:
     turret: TurretModel | None = None
 
     @property
-    def has_turret(self) -> bool:
-        """Whether it has a turret."""
-        return self.turret is not None
-
-    @property
     def odometry_noise(self) -> OdometryNoise:
         """The errors of the odometry of robots of this make before a calibration, as far as the make tells."""
         raw = self.raw_errors

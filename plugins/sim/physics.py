@@ -321,7 +321,7 @@ class ProximityReporter:
         radius_m, reach_m = robot.make.radius_m, self._observer.reach_m
         hits = self._queries.space.point_query(robot.pose[:2], radius_m + reach_m, robot.filter)
         gaps_m = {self._queries.names[hit.shape]: hit.distance - radius_m for hit in hits}
-        for number, distance_m in enumerate(distances_to_drops_m(self._model, robot.pose)):
+        for number, distance_m in enumerate(distances_to_drops_m(self._model, *robot.pose[:2])):
             if distance_m < radius_m + reach_m:
                 gaps_m[f"drops[{number}]"] = distance_m - radius_m
         return gaps_m

@@ -94,7 +94,7 @@ class Settings(PluginSettingsModel):
     def resources(self) -> tuple[str, ...]:
         """The names of the robot's resources: those of its make, and the sensors that the settings add."""
         make = MAKES[self.model]
-        turret = ("Turret",) if make.has_turret else ()
+        turret = ("Turret",) if make.turret else ()
         added = tuple(kind.__name__ for kind in _ADDED if getattr(self, kind.settings_key) is not None)
         return _ALL_MAKES + turret + (_ROOMBA_ALONE if make.name == "roomba" else ()) + added
 

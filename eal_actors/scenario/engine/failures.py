@@ -48,8 +48,7 @@ class StepFailure:
         run = self._run
         if (after_loss := (yield from self._after_loss(error, losses))) is None:
             return True
-        else:
-            self.error = after_loss
+        self.error = after_loss
         yield from self._ask_who_halted()
         if self._is_emergency():
             run.stop_for_emergency(f"emergency stop: {self.error}", is_finally=self._context.is_finally)

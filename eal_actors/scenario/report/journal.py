@@ -128,14 +128,11 @@ def hold_record(directory: Path) -> Iterator[None]:
 
 def is_under_way(directory: Path) -> bool:
     """Return whether a process writes the record of a run; raise OSError if the record cannot be opened."""
-    with (directory / EVENTS).open("r+", encoding="utf-8") as stream:
-        try:
-            posix.lock(stream)
-        except BlockingIOError:
-            return True
-        except OSError:  # a file system without locks
-            pass
-    return False
+    try:
+        with hold_record(directory):
+            return False
+    except ScenarioError:
+        return True
 
 
 def cut_half_line(path: Path) -> None:

@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 from eal_actors.device.world import WorldModel
 from eal_actors.plugin import wrapped_rad
 
+from ..arena import distances_to_drops_m
 from ..robot import SimRobot
 from ..world import SimWorld
 
@@ -96,10 +97,4 @@ def _point(pose: tuple[float, float, float], distance_m: float, bearing_rad: flo
 
 
 def _is_over_drop(model: WorldModel, robot: SimRobot, distance_m: float, bearing_rad: float) -> bool:
-    x_m, y_m = _point(robot.pose, distance_m, bearing_rad)
-    for drop in model.drops:
-        yaw_rad = math.radians(drop.yaw_deg)
-        cos, sin, dx, dy = math.cos(yaw_rad), math.sin(yaw_rad), x_m - drop.x_m, y_m - drop.y_m
-        if abs(cos * dx + sin * dy) <= drop.size_m[0] / 2 and abs(cos * dy - sin * dx) <= drop.size_m[1] / 2:
-            return True
-    return False
+    return 0.0 in distances_to_drops_m(model, *_point(robot.pose, distance_m, bearing_rad))
