@@ -27,11 +27,14 @@ _MESSAGES: Final = (
 _HANGUPS: Final = tuple(number for number in signal.valid_signals() if getattr(number, "name", "") == "SIGHUP")
 """SIGHUP, sent when the terminal closes; empty on a system without it."""
 
+_was_interrupted = False
+"""Whether a signal has raised KeyboardInterrupt, which the code of others may have dropped, as OpenCV's import does."""
+
 
 def handle_signals() -> None:
     """Make SIGINT, SIGTERM and SIGHUP raise KeyboardInterrupt, so that every `finally` stops its motors."""
     if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGINT, _interrupt)
     for number in (signal.SIGTERM, *_handled_hangups()):
         signal.signal(number, _interrupt)
 
@@ -61,6 +64,8 @@ def _ignore_repeated_hangups(number: int) -> None:
 
 
 def _interrupt(number: int, _frame: FrameType | None) -> NoReturn:
+    global _was_interrupted
+    _was_interrupted = True
     _ignore_repeated_hangups(number)
     raise KeyboardInterrupt
 
@@ -80,6 +85,8 @@ class RunInterrupts:
         self._has_raised = False
 
     def __enter__(self) -> Self:
+        if _was_interrupted:
+            raise KeyboardInterrupt
         for number in (signal.SIGINT, signal.SIGTERM, *_handled_hangups()):
             self._before[number] = signal.signal(number, self._handle)
         return self

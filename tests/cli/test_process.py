@@ -291,6 +291,19 @@ def test_ctrl_c_while_the_program_loads_ends_it_without_a_word(
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
 
 
+def test_ctrl_c_that_a_plugin_drops_ends_the_run_before_it_begins(start: Start, slides: Path, move: Path) -> None:
+    """The import of OpenCV drops it, too."""
+    plugin = slides.parent / "plugins/slide/plugin.py"
+    dropped = (
+        "import contextlib, signal\nwith contextlib.suppress(BaseException):\n    signal.raise_signal(signal.SIGINT)\n"
+    )
+    plugin.write_text(plugin.read_text(encoding="utf-8") + dropped, encoding="utf-8")
+    process = start("run", move, "--fleet", slides, "--no-plot")
+    out, err = process.communicate()
+    assert (process.returncode, err) == (130, "")
+    assert "move on slides" not in out
+
+
 def on_a_terminal(start: Start, *arguments: object) -> tuple[int, str]:
     """Run the program with its stdout on a terminal; return its exit code and the terminal's input."""
     ours, theirs = pty.openpty()
