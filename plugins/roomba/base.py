@@ -20,9 +20,9 @@ from eal_actors.plugin import (
 )
 
 from .driver import RoombaDriver
-from .groups import Contacts
 from .motion import BRAKE_M_S2, MAX_SPEED_MM_S, MAX_TURN_RATE_DEG_S, MotionGoal, MotionProgress, TimedMotion
 from .predicted_wheels import Travel
+from .senses import ground_fault
 
 _MOST_OFF_M: Final = 0.04  # from the goal of a motion, the doubt about the travel included
 _MOST_OFF_RAD: Final = math.radians(3.5)
@@ -236,9 +236,14 @@ class RoombaBase(DifferentialBase):
 
     def _check_motion(self, *, forward: bool) -> None:
         """Raise ResourceFaultError if the robot must stop, or has ended the motion by itself."""
-        _check_ground(self._roomba.latest_in_motion().contacts, forward=forward)
+        self._check_ground(forward=forward)
         if (why := self._roomba.interruption) is not None:
             raise ResourceFaultError(f"halted: {why}")
+
+    def _check_ground(self, *, forward: bool) -> None:
+        contacts = self._roomba.latest_in_motion().contacts
+        if (fault := ground_fault(contacts.drops, contacts.cliffs, forward=forward)) is not None:
+            raise fault
 
     # Twists.
 
@@ -246,7 +251,7 @@ class RoombaBase(DifferentialBase):
     def follow(self, speed_m_s: float, turn_rate_rad_s: float, timeout_s: float) -> Activity:
         drive = self._roomba.twist(speed_m_s, turn_rate_rad_s)
         forward = drive.goes_forward
-        _check_ground(self._roomba.latest_in_motion().contacts, forward=forward)
+        self._check_ground(forward=forward)
         yield from self._roomba.drive(drive)
         self._twist_until_s = until_s = self._roomba.clock.now() + timeout_s
         self._twist_forward = forward
@@ -267,18 +272,3 @@ class RoombaBase(DifferentialBase):
         except (ResourceFaultError, UnavailableError) as error:
             self.halt()
             get_logger().warning("a twist is halted", reason=error.message)
-
-
-def _check_ground(contacts: Contacts, *, forward: bool) -> None:
-    """Raise ResourceFaultError if a wheel has dropped, or if a forward motion meets a cliff."""
-    drops = {"left wheel": contacts.drop_left, "right wheel": contacts.drop_right, "caster": contacts.drop_caster}
-    cliffs = {
-        "left": contacts.cliff_left,
-        "front left": contacts.cliff_front_left,
-        "front right": contacts.cliff_front_right,
-        "right": contacts.cliff_right,
-    }
-    if contacts.any_drop:
-        raise ResourceFaultError(f"halted: wheel drop ({', '.join(name for name, is_so in drops.items() if is_so)})")
-    if forward and contacts.any_cliff:
-        raise ResourceFaultError(f"halted: cliff ({', '.join(name for name, is_so in cliffs.items() if is_so)})")

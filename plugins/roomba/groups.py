@@ -42,9 +42,14 @@ class Contacts:
     dirt_right: int = 0
 
     @property
+    def drops(self) -> tuple[bool, bool, bool]:
+        """Whether the left wheel, the right wheel and the caster have dropped."""
+        return self.drop_left, self.drop_right, self.drop_caster
+
+    @property
     def any_drop(self) -> bool:
         """Whether any wheel has dropped."""
-        return self.drop_left or self.drop_right or self.drop_caster
+        return any(self.drops)
 
     @property
     def cliffs(self) -> tuple[bool, bool, bool, bool]:

@@ -11,21 +11,17 @@ from eal_actors.plugin import Activity, command
 from . import oi, sci
 from .driver import RoombaDriver
 from .lights import OiSwitches, RoombaLights, SciSwitches
-from .resources import RoombaSensor
+from .resources import RoombaResource, RoombaSensor
 from .senses import FlagSensor, SciButtonSensor, pressed
 from .songs import NOTES, SongBook, duration_s, parse_notes
 
 
-class RoombaLeds(RoombaLights):
+class RoombaLeds(RoombaResource, RoombaLights):
     """The lights of a real Roomba."""
 
     def __init__(self, roomba: RoombaDriver) -> None:
-        self._roomba = roomba
+        super().__init__(roomba)
         self.lights = self.dark
-
-    def not_ready(self) -> str | None:
-        """Return why the Roomba cannot be used at present."""
-        return self._roomba.not_ready()
 
     @override
     def send(self, lights: Any) -> Activity:
@@ -45,44 +41,42 @@ class OiLeds(RoombaLeds, OiSwitches):
     dark = oi.OiLights()
 
 
-class SciButtons(RoombaSensor, SciButtonSensor):
-    """Whether any button on the robot is pressed."""
+class RoombaButtons(RoombaSensor, FlagSensor):
+    """The buttons of a real Roomba."""
+
+    buttons: tuple[str, ...]
 
     @override
     def read_flags(self) -> tuple[tuple[bool, ...], float]:
         return self.read(lambda sees: tuple(name in sees.pressed for name in self.buttons))
 
 
-class OiButtons(RoombaSensor, FlagSensor):
+class SciButtons(RoombaButtons, SciButtonSensor):
+    """Whether any button on the robot is pressed."""
+
+
+class OiButtons(RoombaButtons):
     """Whether any button on the robot is pressed."""
 
     buttons = "clean", "spot", "dock", "day", "hour", "minute", "schedule", "clock"
     clean, spot, dock, day, hour, minute, schedule, clock = map(pressed, buttons, range(8))
 
-    @override
-    def read_flags(self) -> tuple[tuple[bool, ...], float]:
-        return self.read(lambda sees: tuple(name in sees.pressed for name in self.buttons))
 
-
-class RoombaSong(SongBook):
+class RoombaSong(RoombaResource, SongBook):
     """Plays songs of notes; get_status: 0 is silent, 1 plays."""
 
     places = sci.SONGS
     """Number of songs that the Roomba stores; others are sent before they are played."""
 
     def __init__(self, roomba: RoombaDriver) -> None:
-        super().__init__()
-        self._roomba = roomba
+        SongBook.__init__(self)
+        RoombaResource.__init__(self, roomba)
         self._stored: dict[int, int] = {}
         self._plays_until_s = roomba.clock.now()
 
     @override
     def remaining_s(self) -> float:
         return self._plays_until_s - self._roomba.clock.now()
-
-    def not_ready(self) -> str | None:
-        """Return why the Roomba cannot be used at present."""
-        return self._roomba.not_ready()
 
     @command("notes", NOTES, repeatable=True)
     def set_notes(self, text: str) -> Activity:

@@ -39,10 +39,8 @@ _MODE: Final = ValueInfo(DataType.CHAR, choices=tuple(mode.value for mode in Mod
 _CHARGING: Final = ValueInfo(DataType.CHAR, choices=CHARGING_STATES)
 
 
-class RoombaSensor(Resource):
-    """A sensor of a Roomba."""
-
-    types = ResourceType.SENSOR
+class RoombaResource(Resource):
+    """A resource of a Roomba."""
 
     def __init__(self, roomba: RoombaDriver) -> None:
         self._roomba = roomba
@@ -50,6 +48,12 @@ class RoombaSensor(Resource):
     def not_ready(self) -> str | None:
         """Return why the Roomba cannot be used at present."""
         return self._roomba.not_ready()
+
+
+class RoombaSensor(RoombaResource):
+    """A sensor of a Roomba."""
+
+    types = ResourceType.SENSOR
 
     def read(self, sense: Callable[[RoombaReading], _V]) -> tuple[_V, float]:
         """Return what is read from the latest reading, and the reading's time."""
@@ -78,7 +82,7 @@ class OiWheelDrop(RoombaSensor, WheelDropSensor):
 
     @override
     def read_flags(self) -> tuple[tuple[bool, ...], float]:
-        return self.read(lambda sees: (sees.contacts.drop_left, sees.contacts.drop_right))
+        return self.read(lambda sees: sees.contacts.drops[:2])
 
 
 class SciWheelDrop(RoombaSensor, CasterDropSensor):
@@ -86,7 +90,7 @@ class SciWheelDrop(RoombaSensor, CasterDropSensor):
 
     @override
     def read_flags(self) -> tuple[tuple[bool, ...], float]:
-        return self.read(lambda sees: (sees.contacts.drop_left, sees.contacts.drop_right, sees.contacts.drop_caster))
+        return self.read(lambda sees: sees.contacts.drops)
 
 
 class RoombaWall(RoombaSensor, WallSensor):
@@ -136,13 +140,10 @@ class RoombaOdometry(RoombaSensor):
         return EALData.of([reading.left_m, reading.right_m], unit="m", stamp_s=reading.stamp_s)
 
 
-class RoombaPower(Resource):
+class RoombaPower(RoombaResource):
     """Puts the robot to sleep and wakes it; get_status: 0 sleeps, 1 is awake."""
 
     types = ResourceType.OTHER
-
-    def __init__(self, roomba: RoombaDriver) -> None:
-        self._roomba = roomba
 
     def not_ready(self) -> str | None:
         """Return why the way to the Roomba is broken; one that sleeps or is silent can be woken."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Final, NamedTuple
 
-from eal_actors.plugin import DataType, EALData, Resource, ResourceType, ValueInfo, request
+from eal_actors.plugin import DataType, EALData, Resource, ResourceFaultError, ResourceType, ValueInfo, request
 
 _FLAG: Final = ValueInfo(DataType.BOOL)
+_WHEELS: Final = ("left wheel", "right wheel", "caster")
+_CLIFFS: Final = ("left", "front left", "front right", "right")
 
 
 def flag(name: str, place: int, description: str) -> Callable[[Any], EALData]:
@@ -63,6 +65,21 @@ class CliffSensor(FlagSensor):
     right = flag("right", 3, "Return whether the sensor 60 degrees to the right sees a drop.")
 
 
+def ground_fault(drops: Sequence[bool], cliffs: Sequence[bool], *, forward: bool) -> ResourceFaultError | None:
+    """Return why a motion must be halted: a wheel has dropped, or a forward motion meets a cliff; None if it need not.
+
+    Args:
+        drops: of the left wheel, the right wheel and the caster.
+        cliffs: from the left to the right.
+        forward: whether the motion goes forward.
+    """
+    for what, names, seen in (("wheel drop", _WHEELS, drops), ("cliff", _CLIFFS, cliffs if forward else ())):
+        if any(seen):
+            found = ", ".join(name for name, is_so in zip(names, seen, strict=True) if is_so)
+            return ResourceFaultError(f"halted: {what} ({found})")
+    return None
+
+
 class WheelDropSensor(FlagSensor):
     """Whether a wheel hangs over a drop."""
 
@@ -94,7 +111,7 @@ def pressed(name: str, place: int) -> Callable[[Any], EALData]:
 class SciButtonSensor(FlagSensor):
     """Whether any button on the robot is pressed."""
 
-    buttons = "max", "clean", "spot", "power"
+    buttons: tuple[str, ...] = "max", "clean", "spot", "power"
     max, clean, spot, power = map(pressed, buttons, range(4))
 
 

@@ -22,6 +22,7 @@ from eal_actors.plugin import (
 )
 
 from ...evbot3.turret import TurretCommands
+from ...roomba.senses import ground_fault
 from ..faults import HEALTHY
 from ..motion import Move, WheelMotion
 from ..robot import SimRobot
@@ -150,18 +151,10 @@ class Base(DifferentialBase, RobotResource):
         """
         if not self._checks_ground:
             return
-        wheels = dropped_wheels(self._world, self._robot)
-        cliffs = seen_cliffs(self._world, self._robot)
-        if any(wheels):
-            names = zip(("left wheel", "right wheel", "caster"), wheels, strict=True)
-            reason = f"wheel drop ({', '.join(name for name, dropped in names if dropped)})"
-        elif forward and any(cliffs):
-            seen = (name.replace("_", " ") for name, is_seen in cliffs._asdict().items() if is_seen)
-            reason = f"cliff ({', '.join(seen)})"
-        else:
-            return
-        self._world.stop(self._robot)
-        raise ResourceFaultError(f"halted: {reason}")
+        drops, cliffs = dropped_wheels(self._world, self._robot), seen_cliffs(self._world, self._robot)
+        if (fault := ground_fault(drops, cliffs, forward=forward)) is not None:
+            self._world.stop(self._robot)
+            raise fault
 
     def _check_motion(self, motion: WheelMotion, forward: bool) -> None:
         """Stop a robot with a stalled wheel, as the firmware of the real robots does.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .arrays import WorldArrays, shared
-from .contact import Cliffs, DroppedWheels, dropped_wheels, is_wall_near, pressed_bumpers, seen_cliffs
+from .contact import dropped_wheels, is_wall_near, pressed_bumpers, seen_cliffs
 from .field import compass_rad, light_lux, seen_beacons
 from .geometry import Array, disc_span_m
 from .rays import MAX_RANGE_M, RAY_ANGLES_RAD, RAYS, RayCaster, free_way_m
@@ -13,8 +13,6 @@ __all__ = [
     "RAYS",
     "RAY_ANGLES_RAD",
     "Array",
-    "Cliffs",
-    "DroppedWheels",
     "RayCaster",
     "WorldArrays",
     "compass_rad",

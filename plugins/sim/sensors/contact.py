@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Final
 
 from eal_actors.device.world import WorldModel
 from eal_actors.plugin import wrapped_rad
@@ -18,23 +18,6 @@ _CASTER_AHEAD: Final = 0.8  # of the radius
 _CLIFF_BEARINGS_RAD: Final = tuple(math.radians(bearing_deg) for bearing_deg in (60, 20, -20, -60))
 _WALL_BEARING_RAD: Final = math.radians(-70)
 _WALL_REACH_M: Final = 0.05
-
-
-class DroppedWheels(NamedTuple):
-    """Which wheels hang over a drop."""
-
-    left: bool
-    right: bool
-    caster: bool
-
-
-class Cliffs(NamedTuple):
-    """Which cliff sensors look into a drop, from the left to the right."""
-
-    left: bool
-    front_left: bool
-    front_right: bool
-    right: bool
 
 
 def pressed_bumpers(robot: SimRobot) -> tuple[bool, bool]:
@@ -55,8 +38,8 @@ def pressed_bumpers(robot: SimRobot) -> tuple[bool, bool]:
     return left, right
 
 
-def dropped_wheels(world: SimWorld, robot: SimRobot) -> DroppedWheels:
-    """Return which wheels hang over a drop; the caster is in front.
+def dropped_wheels(world: SimWorld, robot: SimRobot) -> tuple[bool, bool, bool]:
+    """Return whether the left wheel, the right wheel and the caster, which is in front, hang over a drop.
 
     Raises:
         UnavailableError: the robot has no place in the world.
@@ -66,17 +49,20 @@ def dropped_wheels(world: SimWorld, robot: SimRobot) -> DroppedWheels:
         _is_over_drop(world.model, robot, distance_m, bearing_rad)
         for distance_m, bearing_rad in ((arm_m, math.pi / 2), (arm_m, -math.pi / 2), (ahead_m, 0.0))
     )
-    return DroppedWheels(left, right, caster)
+    return left, right, caster
 
 
-def seen_cliffs(world: SimWorld, robot: SimRobot) -> Cliffs:
-    """Return which of the sensors along the front edge are over a drop.
+def seen_cliffs(world: SimWorld, robot: SimRobot) -> tuple[bool, bool, bool, bool]:
+    """Return whether each of the sensors along the front edge is over a drop, from the left to the right.
 
     Raises:
         UnavailableError: the robot has no place in the world.
     """
     edge_m = robot.make.radius_m
-    return Cliffs(*(_is_over_drop(world.model, robot, edge_m, bearing_rad) for bearing_rad in _CLIFF_BEARINGS_RAD))
+    left, front_left, front_right, right = (
+        _is_over_drop(world.model, robot, edge_m, bearing_rad) for bearing_rad in _CLIFF_BEARINGS_RAD
+    )
+    return left, front_left, front_right, right
 
 
 def is_wall_near(robot: SimRobot) -> bool:
