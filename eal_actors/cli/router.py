@@ -28,7 +28,7 @@ def run_router(
         list[str] | None,
         typer.Option(
             metavar="ENDPOINT",
-            show_default=f"tcp/0.0.0.0:{DEFAULT_PORT}, or tls/... for a fleet with security",
+            show_default=f"the port of the fleet's routers, else tcp/0.0.0.0:{DEFAULT_PORT}, or tls/... with security",
             help="Endpoint to listen at; repeatable.",
         ),
     ] = None,
@@ -45,7 +45,7 @@ def run_router(
     It serves robots whose address in the fleet file is `router`; network.routers must list its endpoint.
     """
     config = None if fleet is None else EALConfigManager.load(fleet).fleet
-    endpoints = listen or [_default_endpoint(config)]
+    endpoints = listen or [default_endpoint(config)]
     _validate(endpoints, "--listen")
     _validate(connect or [], "--connect")
     with router_session(config, name, lambda: router_config(endpoints, connect or [], config, name)):
@@ -62,9 +62,13 @@ def run_router(
             get_logger().info("the router stops")
 
 
-def _default_endpoint(fleet: FleetConfig | None) -> str:
+def default_endpoint(fleet: FleetConfig | None) -> str:
+    """Return where a router listens: at the port of the fleet's routers, if all of them have the same."""
+    routers = {(it.protocol, it.port) for it in map(parse_endpoint, () if fleet is None else fleet.network.routers)}
     is_secure = fleet is not None and fleet.network.security is not None
-    return f"{SECURE_PROTOCOLS[0] if is_secure else 'tcp'}/0.0.0.0:{DEFAULT_PORT}"
+    usual = SECURE_PROTOCOLS[0] if is_secure else "tcp", DEFAULT_PORT
+    protocol, port = routers.pop() if len(routers) == 1 else usual
+    return f"{protocol}/0.0.0.0:{port}"
 
 
 def _validate(endpoints: list[str], option: str) -> None:

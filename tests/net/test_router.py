@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from eal_actors.cli.router import default_endpoint
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.clock import SystemClock
 from eal_actors.kernel.errors import ConfigError, ProtocolError, UnavailableError
@@ -54,6 +55,20 @@ def test_robot_and_controller_share_nothing_but_a_router() -> None:
         assert eventually(lambda: ask(controller, "eal/f/*/_/ping") == ["r1", "r2"])
         tokens = [str(reply.ok.key_expr) for reply in controller.liveliness().get("eal/f/@alive/*/*") if reply.ok]
         assert sorted(tokens) == ["eal/f/@alive/3/r1", "eal/f/@alive/3/r2"]
+
+
+@pytest.mark.parametrize(
+    ("routers", "listens"),
+    [
+        (["tcp/10.0.0.1:57801"], "tcp/0.0.0.0:57801"),
+        (["tcp/10.0.0.1:57801", "tcp/10.0.0.2:57801"], "tcp/0.0.0.0:57801"),
+        (["tcp/10.0.0.1:57801", "tcp/10.0.0.1:57802"], "tcp/0.0.0.0:7447"),
+        ([], "tcp/0.0.0.0:7447"),
+    ],
+)
+def test_a_router_listens_where_its_fleet_dials(routers: list[str], listens: str) -> None:
+    fleet = fleet_of({"routers": routers}, {"r1": "router" if routers else None})
+    assert default_endpoint(fleet) == listens
 
 
 def test_two_routers_joined() -> None:
