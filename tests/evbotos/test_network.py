@@ -60,6 +60,22 @@ def test_a_name_and_an_address_of_its_own_until_somebody_gives_one(proof: Proof,
         assert told[IP].src == ROBOT_IP
 
 
+def test_an_address_that_a_renewed_lease_changes_replaces_the_former(proof: Proof, disk: Path, wire: Wire) -> None:
+    wire.lease_s = 20
+
+    def has(address: str, within_s: float) -> bool:
+        def is_it(frame: Packet) -> bool:
+            return ARP in frame and frame[ARP].op == 2 and frame[ARP].psrc == address
+
+        return wire.first(is_it, within_s, lambda: wire.ask_address(address)) is not None
+
+    with started(proof, disk, network=wire.network):
+        assert has(ROBOT_IP, LONGEST_BOOT_S)
+        wire.address = "192.0.2.8"
+        assert has("192.0.2.8", LONGEST_BOOT_S)
+        assert not has(ROBOT_IP, 10)
+
+
 def test_its_clock_is_set_by_the_server_that_dhcp_names(proof: Proof, disk: Path, wire: Wire) -> None:
     wire.ahead_s = HOURS_AHEAD * 3600
     with started(proof, disk, network=wire.network):

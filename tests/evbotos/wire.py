@@ -30,6 +30,8 @@ class Wire:
     Attributes:
         network: what QEMU plugs the card into, as `-netdev` names it.
         gives_addresses: whether somebody answers DHCP here.
+        address: what they give.
+        lease_s: for how long.
         taken: addresses of other machines on the wire.
         ahead_s: how much later than now it is by the time server here.
     """
@@ -42,6 +44,8 @@ class Wire:
             self._card = other.getsockname()
         self.network = f"socket,udp=127.0.0.1:{self._socket.getsockname()[1]},localaddr=127.0.0.1:{self._card[1]}"
         self.gives_addresses = True
+        self.address = ROBOT_IP
+        self.lease_s = 3600
         self.taken: set[str] = set()
         self.ahead_s = 0.0
 
@@ -77,6 +81,10 @@ class Wire:
         source = IP(src=OUR_IP, dst=MDNS_IP, ttl=255)
         self.send(source / UDP(sport=MDNS_PORT, dport=MDNS_PORT) / question, MDNS_MAC)
 
+    def ask_address(self, address: str) -> None:
+        """Ask everybody on the wire who has an address (RFC 826)."""
+        self.send(ARP(op=1, hwsrc=OUR_MAC, psrc=OUR_IP, pdst=address), "ff:ff:ff:ff:ff:ff")
+
     def ask_time(self, mac: str) -> None:
         """Ask the robot's kernel for its time of day (RFC 792)."""
         self.send(IP(src=OUR_IP, dst=ROBOT_IP) / ICMP(type="timestamp-request"), mac)
@@ -108,12 +116,14 @@ class Wire:
         options = [
             ("message-type", "offer" if wanted == 1 else "ack"),
             ("server_id", OUR_IP),
-            ("lease_time", 3600),
+            ("lease_time", self.lease_s),
             ("subnet_mask", "255.255.255.0"),
             ("NTP_server", OUR_IP),
             "end",
         ]
-        answer = BOOTP(op=2, xid=asked.xid, yiaddr=ROBOT_IP, siaddr=OUR_IP, chaddr=asked.chaddr) / DHCP(options=options)
+        answer = BOOTP(op=2, xid=asked.xid, yiaddr=self.address, siaddr=OUR_IP, chaddr=asked.chaddr) / DHCP(
+            options=options
+        )
         self.send(IP(src=OUR_IP, dst="255.255.255.255") / UDP(sport=67, dport=68) / answer, frame.src)
 
     def _tell_time(self, frame: Packet) -> None:

@@ -11,9 +11,11 @@ import gc
 import os
 import sys
 from importlib import import_module
+from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
 
+_CONSOLE: Final = Path("/dev/console")
 _IN_CASE: Final = ("asyncio", "zipfile")
 
 
@@ -34,7 +36,11 @@ def main() -> None:
     """Load and run the server."""
     gc.disable()
     sys.path[:] = filter(os.path.isdir, sys.path)
-    own = import_module("robot_user").become_robot()
+    try:
+        own = import_module("robot_user").become_robot()
+    except OSError as error:  # such as of a partition or a stick that cannot be read
+        _CONSOLE.write_text(f"evbotos: the robot does not start: {error}\n")
+        raise
     sys.modules["rich"] = None  # type: ignore[assignment]  # marks it as not installed; structlog works without it
     for name in _IN_CASE:
         load_when_used(name)
