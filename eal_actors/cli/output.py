@@ -77,7 +77,7 @@ _json_stream: TextIO | None = None
 
 @contextmanager
 def json_alone() -> Iterator[None]:
-    """Keep stdout for `write_json` during a `with` block: what plugins and their libraries print goes to stderr."""
+    """Keep stdout for `json_output` during a `with` block: what plugins and their libraries print goes to stderr."""
     global _json_stream
     _json_stream = sys.stdout
     try:
@@ -87,11 +87,16 @@ def json_alone() -> Iterator[None]:
         _json_stream = None
 
 
+def json_output() -> TextIO:
+    """Return the stream for JSON: stdout, also where `json_alone` keeps it."""
+    return _json_stream or sys.stdout
+
+
 def write_json(value: Any) -> None:
     """Write a value to stdout as strict JSON; `as_json` replaces numbers that JSON cannot hold."""
     from eal_actors.scenario.report.records import as_json
 
-    (_json_stream or sys.stdout).write(as_json(value, indent=2, ensure_ascii=False) + "\n")
+    json_output().write(as_json(value, indent=2, ensure_ascii=False) + "\n")
 
 
 def counted(number: int, noun: str) -> str:

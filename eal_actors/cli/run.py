@@ -25,7 +25,7 @@ from eal_actors.cli.options import (
     OptionalScenarioArgument,
     SettingsOption,
 )
-from eal_actors.cli.output import print_line, stderr, stdout, write_json
+from eal_actors.cli.output import json_alone, print_line, stderr, stdout, write_json
 from eal_actors.cli.progress import new_progress
 from eal_actors.cli.run_ahead import Ahead, rehearse_ahead
 from eal_actors.cli.run_keys import RunKeys
@@ -111,6 +111,8 @@ def run_scenario(
     """
     if as_json and events == STDOUT:
         raise typer.BadParameter("--events - and --json cannot both write to stdout", param_hint="'--events'")
+    if events == STDOUT:
+        context.with_resource(json_alone())
     request = read_request(RunOptions(scenario, fleet, settings or (), bindings or (), rate, seed, resume))
     console = stderr() if as_json or events == STDOUT else stdout()
     if dry_run:

@@ -18,6 +18,7 @@ from typing import IO, TYPE_CHECKING, Any, Final, TextIO, cast
 import typer
 
 from eal_actors.cli.exit_codes import ExitCode
+from eal_actors.cli.output import json_output
 from eal_actors.kernel.log import get_logger
 
 if TYPE_CHECKING:
@@ -95,7 +96,7 @@ def event_stream(target: str | None) -> Iterator[list[Listener]]:
     if target is None:
         yield []
     elif target == STDOUT:
-        yield [_event_writer(sys.stdout)]
+        yield [_event_writer(json_output())]
     else:
         try:
             stream = Path(target).open("w", encoding="utf-8")  # noqa: SIM115  # closing it may fail, on a full disk

@@ -9,6 +9,8 @@ from typing import Any
 
 import pytest
 
+from tests.plugin_files import write_plugin
+
 Write = Callable[[str, str], Path]
 
 SCENARIO = """\
@@ -124,6 +126,29 @@ def test_events_while_it_runs(eal: Any, slides: Path, trial: Path, tmp_path: Pat
     assert sorted(first) == sorted(second)
     assert (first[0], first[-1]) == ("run_started", "run_ended")
     assert "move on slides: done" in on_stdout.stderr
+
+
+CHATTY = """\
+from eal_actors.plugin import EALPlugin, Resource, ResourceType, command
+print("imported")
+class Chatty(Resource):
+    types = ResourceType.ACTUATOR
+    @command("talk")
+    def talk(self):
+        'Print a word.'
+        print("talks")
+        return 1
+"""
+
+
+def test_what_a_plugin_prints_is_no_event(eal: Any, tmp_path: Path, write: Any) -> None:
+    write_plugin(tmp_path, "chatty", CHATTY, "Chatty")
+    fleet = write("fleet.yaml", "version: 1\nplugin_dirs: [plugins]\nrobots: {one: {plugins: {chatty: {}}}}\n")
+    steps = "steps: [{on: ones, do: [{send_cmd: {resource: Chatty, cmd: talk}}]}]\n"
+    scenario = write("talk.yaml", "version: 1\nname: talk\nroles: {ones: {robots: [one]}}\n" + steps)
+    result = eal("run", scenario, "-f", fleet, "--events", "-", "--runs-dir", tmp_path / "runs")
+    assert [json.loads(line)["event"] for line in result.stdout.splitlines()][-1] == "run_ended", result.output
+    assert {"imported", "talks"} <= set(result.stderr.splitlines())
 
 
 def test_a_run_goes_on(eal: Any, slides: Path, trial: Path, tmp_path: Path) -> None:
