@@ -96,7 +96,7 @@ def check_keys(folder: Path, name: str) -> None:
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     problems = [problem for file in files for problem in _try(file, file.read_bytes)]
     if not problems:
-        load = partial(context.load_cert_chain, certificate, key, password="")  # an encrypted key must not ask for it
+        load = partial(context.load_cert_chain, certificate, key, password=b"")  # an encrypted key must not ask for it
         problems += _try(authority, partial(context.load_verify_locations, authority))
         problems += _try(key, load, f"does not fit {certificate.name}, or one of both is damaged")
     if problems:
