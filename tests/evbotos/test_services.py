@@ -88,3 +88,11 @@ def test_a_usb_camera_comes_up_by_itself(proof: Proof, running: Machine, tmp_pat
         wait_until(
             running, "it is gone", lambda: ssh(proof, running, "ls -d /dev/video0 /dev/v4l/by-id/*").stdout == ""
         )
+
+
+def test_updates_are_served_after_their_pipe_was_opened_in_vain(proof: Proof, running: Machine) -> None:
+    wait_for_robot(proof, running)
+    wake = "/run/evbotos/update.wake"
+    wait_until(running, "updates are served", lambda: ssh(proof, running, f"test -p {wake}").returncode == 0)
+    answer(proof, running, f"true >{wake}")  # as a robot does that ends before it writes
+    answer(proof, running, f"timeout 120 sh -c 'echo >{wake}'")  # opening it waits for a reader
