@@ -28,9 +28,9 @@ def until_ready(fleet: Fleet, robot: str, *resources: str) -> None:
     wait_for(lambda: not set(resources) & set(fleet[robot].not_ready), f"{resources}: {dict(fleet[robot].not_ready)}")
 
 
-def why(fleet: Fleet, robot: str, resource: str) -> str:
-    wait_for(lambda: resource in fleet[robot].not_ready, "it is ready")
-    return fleet[robot].not_ready[resource]
+def until_not_ready(fleet: Fleet, robot: str, resource: str, reason: str) -> None:
+    """Wait for a reason: until the graph has arrived, there is another one."""
+    wait_for(lambda: reason in fleet[robot].not_ready.get(resource, ""), f"{resource}: it is not {reason!r}")
 
 
 def test_it_drives_by_commands_and_to_places(peer: Ros2Peer, tmp_path: Path) -> None:
@@ -85,7 +85,7 @@ def test_odometry_that_is_not_finite_is_ignored(peer: Ros2Peer, tmp_path: Path) 
         until_ready(fleet, "one", "Odometry")
         robot.is_silent = True
         robot.publish(math.nan, 0.0, 0.0)
-        assert "not finite" in why(fleet, "one", "Odometry")
+        until_not_ready(fleet, "one", "Odometry", "not finite")
         robot.is_silent = False
         until_ready(fleet, "one", "Odometry")
         assert np.isfinite(fleet["one"]["Pose"].get_value().get().value).all()
@@ -113,7 +113,7 @@ def test_topics_of_any_type_and_services(peer: Ros2Peer, tmp_path: Path) -> None
     }
     with ros2_fleet(tmp_path, peer, box=settings) as fleet:
         box = fleet["box"]
-        assert why(fleet, "box", "Chatter") == "no message on /box/chatter yet"
+        until_not_ready(fleet, "box", "Chatter", "no message on /box/chatter yet")
         wait_for(lambda: string.publish(data="hä?") or "Chatter" not in box.not_ready, "nothing arrives")
         assert json.loads(box["Chatter"].get_value().get().value) == {"data": "hä?"}
         until_ready(fleet, "box", "Say", "Lamp")
@@ -134,12 +134,10 @@ def test_a_robot_of_another_type_domain_or_absence_is_named(peer: Ros2Peer, tmp_
     names = ("count", "older", "elsewhere")
     topics = {name.title(): {"topic": f"/x/{name}", "type": "std_msgs/msg/String"} for name in names}
     with ros2_fleet(tmp_path, peer, x={"topics": topics}) as fleet:
-        wait_for(lambda: "another type" in fleet["x"].not_ready.get("Count", ""), "the graph is not known")
-        assert "there std_msgs/msg/Int32 (RIHS01_" in why(fleet, "x", "Count")
-        assert "there std_msgs/msg/String (RIHS01_00000000), here std_msgs/msg/String (RIHS01_df668c74)" in why(
-            fleet, "x", "Older"
-        )
-        assert why(fleet, "x", "Elsewhere") == "nobody publishes /x/elsewhere in domain 0"
+        until_not_ready(fleet, "x", "Count", "there std_msgs/msg/Int32 (RIHS01_")
+        older = "there std_msgs/msg/String (RIHS01_00000000), here std_msgs/msg/String (RIHS01_df668c74)"
+        until_not_ready(fleet, "x", "Older", older)
+        until_not_ready(fleet, "x", "Elsewhere", "nobody publishes /x/elsewhere in domain 0")
         with pytest.raises(NotReadyError):
             fleet["x"]["Count"].get_value().get()
 
@@ -182,7 +180,7 @@ def test_a_router_that_appears_late_and_goes(tmp_path: Path) -> None:
     port = free_port()
     topics = {"Say": {"topic": "/say", "type": "std_msgs/String", "writable": True}}
     with ros2_fleet(tmp_path, f"tcp/127.0.0.1:{port}", late={"topics": topics}) as fleet:
-        assert f"cannot reach the zenoh router at tcp/127.0.0.1:{port}" in why(fleet, "late", "Say")
+        until_not_ready(fleet, "late", "Say", f"cannot reach the zenoh router at tcp/127.0.0.1:{port}")
         router: Any = open_router(port)
         until_ready(fleet, "late", "Say")
         fleet["late"]["Say"].set_value("{}").get()
