@@ -12,7 +12,7 @@ from eal_actors.kernel.clock import REAL_TIME
 from tests.log_lines import log_lines
 from tests.unit.plugins.mqtt.rig import error_of
 from tests.unit.plugins.ros2.rig import Ros2Peer, SdkRobot, free_port, ros2_fleet, wait_for
-from tests.unit.plugins.ros2.test_inward import until_ready, why
+from tests.unit.plugins.ros2.test_inward import until_not_ready, until_ready
 
 DRIVE = {"drive": {"speed_m_s": 0.3}}
 
@@ -23,7 +23,7 @@ def test_a_router_that_accepts_and_says_nothing_delays_nobody(tmp_path: Path) ->
     with socket.create_server(("127.0.0.1", port)):
         begin_s = REAL_TIME.now()
         with ros2_fleet(tmp_path, f"tcp/127.0.0.1:{port}", one={"topics": topics}) as fleet:
-            assert f"cannot reach the zenoh router at tcp/127.0.0.1:{port}" in why(fleet, "one", "Say")
+            until_not_ready(fleet, "one", "Say", f"cannot reach the zenoh router at tcp/127.0.0.1:{port}")
             assert error_of(lambda: fleet["one"]["Say"].set_value("{}").get())
         assert REAL_TIME.now() - begin_s < 30.0
 
@@ -44,10 +44,10 @@ def test_absurd_odometry_is_ignored(peer: Ros2Peer, tmp_path: Path, pose: tuple[
 
         def is_named() -> bool:
             robot.publish(*pose)
-            return words in why(fleet, "one", "Odometry")
+            return words in fleet["one"].not_ready.get("Odometry", "")
 
         wait_for(is_named, words)
-        why(fleet, "one", "Base")  # follows a moment later
+        wait_for(lambda: "Base" in fleet["one"].not_ready, "it is ready")  # follows a moment later
         robot.is_silent = False
         until_ready(fleet, "one", "Base")
         driving = fleet["one"]["Base"].send_cmd("f0.3", timeout_s=60.0)
