@@ -108,7 +108,7 @@ class _EalProgram(EalCommandGroup):
         self.commands = _Commands()  # type: ignore[assignment]  # nothing is added
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Load the command; from here on garbage is collected and signals raise, unlike since `eal_actors.__main__`."""
+        """Load the command. From here on garbage is collected and signals raise: `eal_actors.__main__` ended both."""
         try:
             return super().resolve_command(ctx, args)
         finally:
