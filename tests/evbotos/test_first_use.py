@@ -6,6 +6,7 @@ import re
 import shutil
 import socket
 import subprocess
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -99,6 +100,18 @@ def test_the_reader_of_the_claim_code_gives_a_machine_its_identity(proof: Proof,
         assert answer(proof, machine, "hostname").strip() == "evbot"
         with pytest.raises(BuildError, match="another claim code"):
             claim_machine("127.0.0.1", machine.ports["ssh"], code, made["evbot"])
+
+
+def test_of_two_identities_at_the_same_time_a_machine_takes_one(proof: Proof, bare: Built, tmp_path: Path) -> None:
+    made = provision_fleet(proof.fleet, None, {}, tmp_path / "identities")
+    disk = Path(shutil.copyfile(bare.folder / "disk.img", tmp_path / "disk.img"))
+    with started(proof, disk) as machine, ThreadPoolExecutor(2) as pool:
+        wait_for_words(machine, SERVES)
+        (code,) = re.findall(r"evbotos claim \S+ IDENTITY --code (\S+)", said(machine))
+        claims = [pool.submit(claim_machine, "127.0.0.1", machine.ports["ssh"], code, made["evbot"]) for _ in range(2)]
+        errors = [claim.exception(600) for claim in claims]
+        assert sum(error is None for error in errors) == 1, errors
+        wait_for_words(machine, f"/data/robot/fleet.yaml {SERVES}")
 
 
 def test_the_fleet_file_that_run_names_fits(proof: Proof, bare: Built, tmp_path: Path) -> None:
