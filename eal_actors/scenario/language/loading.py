@@ -40,7 +40,7 @@ def load_scenario(path: str | Path, parameters: Mapping[str, object] | None = No
         ConfigError: with every problem of the file, and of the scenarios that its steps run.
     """
     file = find_file(path, "scenario")
-    return _Loader().load(file, str(file), parameters or {})
+    return _Loader().load(file, parameters or {})
 
 
 def parse_scenario(
@@ -67,7 +67,7 @@ def examine_scenario(path: str | Path) -> tuple[Scenario | None, Callable[[Probl
     """
     file, loader = find_file(path, "scenario"), _Loader()
     try:
-        return loader.load(file, str(file), {}), lambda _: True
+        return loader.load(file, {}), lambda _: True
     except ConfigError:
         return loader.salvaged
 
@@ -112,12 +112,12 @@ class _Loader:
         self._open: list[Path] = []
         self.salvaged: tuple[Scenario | None, Callable[[Problem], bool]] = (None, lambda _: False)
 
-    def load(self, path: Path, name: str, parameters: Mapping[str, object]) -> Scenario:
-        """Read a file; problems call it `name`."""
-        return self.parse(read_file(name, LARGE), name, path, parameters)
+    def load(self, path: Path, parameters: Mapping[str, object]) -> Scenario:
+        """Read a file."""
+        return self.parse(read_file(path, LARGE), str(path), path, parameters)
 
     def parse(self, text: str | bytes, name: str, path: Path, parameters: Mapping[str, object]) -> Scenario:
-        """Read a text as the content of a file."""
+        """Read a text as the content of a file; problems call it `name`."""
         tree = parse_yaml(text, name, limits=LARGE)
         require_kind(tree, "scenario")
         lines = (text if isinstance(text, str) else text.decode("utf-8").removeprefix("\ufeff")).split("\n")
@@ -131,7 +131,7 @@ class _Loader:
             if repaired is None:
                 raise
             file = repaired.file
-        scenario = Scenario(path if str(path) == name else Path(name), file, tree, tuple(lines))
+        scenario = Scenario(Path(name), file, tree, tuple(lines))
         self._open.append(path.resolve())
         try:
             parts, size, problems = self._parts(scenario, path)
@@ -149,7 +149,7 @@ class _Loader:
                 is_due_to_repair = repaired is not None and repaired.concerns(problem)
                 return not is_due_to_repair and (problem.line, problem.column) not in known
 
-            self.salvaged = set_parameters(scenario, parameters), is_other
+            self.salvaged = set_parameters(scenario, {}), is_other
             raise ConfigError(list(dict.fromkeys(problems)))
         return set_parameters(scenario, parameters)
 
@@ -185,7 +185,7 @@ class _Loader:
             raise file_error(path, f"is the {MAX_PARTS_DEEP + 1}th scenario inside another")
         if real not in self._done:
             try:
-                self._done[real] = self.load(path, str(path), {})
+                self._done[real] = self.load(path, {})
             except ConfigError as error:
                 self._done[real] = error
         found = self._done[real]

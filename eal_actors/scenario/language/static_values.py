@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
@@ -39,62 +40,57 @@ class Guard:
 
 @dataclass(frozen=True, slots=True)
 class StaticValues:
-    """The values known before the run at one step, with the loops from the outermost, and the conditions around it.
+    """The values known before the run at one step, with the loops and conditions around it, from the outermost.
 
     The constants are the parameters and `run`; the facts are empty while a step is checked for many robots at once.
     """
 
     constants: Mapping[str, object]
-    loops: tuple[StaticLoop, ...] = ()
-    guards: tuple[Guard, ...] = ()
+    around: tuple[StaticLoop | Guard, ...] = ()
     facts: Mapping[str, object] = field(default_factory=dict)
     has_facts: bool = False
 
-    def within(self, loop: StaticLoop) -> StaticValues:
-        """Return the values inside a loop."""
-        return replace(self, loops=(*self.loops, loop))
+    def within(self, part: StaticLoop | Guard) -> StaticValues:
+        """Return the values inside a loop, or in a branch of an `if`."""
+        return replace(self, around=(*self.around, part))
 
-    def under(self, guard: Guard) -> StaticValues:
-        """Return the values in a branch of an `if`."""
-        return replace(self, guards=(*self.guards, guard))
+    @property
+    def is_in_loop(self) -> bool:
+        """Whether a loop is around the step."""
+        return any(isinstance(part, StaticLoop) for part in self.around)
 
     def needs_facts(self, expressions: Iterable[Expression]) -> bool:
         """Return whether expressions, or the conditions and loops around them, differ from robot to robot."""
-        _, left = self._closure({name.name for expression in expressions for name in expression.names})
+        _, left = self._closure(expressions)
         return self.has_facts and bool(left & ROBOT_FACTS)
 
     def is_known(self, expression: Expression) -> bool:
         """Return whether the values of an expression are known before the run."""
-        return not expression.readings and self._are_known({name.name for name in expression.names})
-
-    def _are_known(self, names: set[str]) -> bool:
-        left = set(names)
-        for loop in reversed(self.loops):
-            if loop.name in left:
-                if loop.values is None:
+        if expression.readings:
+            return False
+        left = _names_of(expression)
+        for part in reversed(self.around):
+            if isinstance(part, StaticLoop) and part.name in left:
+                if part.values is None or (isinstance(part.values, Expression) and part.values.readings):
                     return False
-                left.discard(loop.name)
-                if isinstance(loop.values, Expression):
-                    if loop.values.readings:
-                        return False
-                    left |= {name.name for name in loop.values.names}
+                left = left - {part.name} | _names_of(part.values)
         return left <= set(self.constants) | (ROBOT_FACTS if self.has_facts else set())
 
-    def _closure(self, names: set[str]) -> tuple[list[StaticLoop], set[str]]:
-        """Return the loops that define names and the conditions around them, outermost first, and the other names.
+    def _closure(self, expressions: Iterable[Expression]) -> tuple[list[StaticLoop | Guard], set[str]]:
+        """Return the loops that define names and the known conditions, outermost first, and the other names.
 
-        An inner loop hides the variable of an outer one.
+        An inner loop hides the variable of an outer one; a condition between the two means the outer one.
         """
-        left = names | {
-            name.name for guard in self.guards if self.is_known(guard.condition) for name in guard.condition.names
-        }
-        used: list[StaticLoop] = []
-        for loop in reversed(self.loops):
-            if loop.name in left:
-                used.insert(0, loop)
-                left = left - {loop.name}
-                if isinstance(loop.values, Expression):
-                    left |= {name.name for name in loop.values.names}
+        left = {name for expression in expressions for name in _names_of(expression)}
+        used: list[StaticLoop | Guard] = []
+        for index, part in reversed(list(enumerate(self.around))):
+            if isinstance(part, StaticLoop):
+                if part.name in left:
+                    used.insert(0, part)
+                    left = left - {part.name} | _names_of(part.values)
+            elif replace(self, around=self.around[:index]).is_known(part.condition):
+                used.insert(0, part)
+                left |= _names_of(part.condition)
         return used, left
 
     def combinations(self, expressions: Iterable[Expression]) -> Iterator[Namespace]:
@@ -102,35 +98,48 @@ class StaticValues:
 
         Raises TooManyCombinationsError if there are more than MAX_COMBINATIONS.
         """
-        loops, _ = self._closure({name.name for expression in expressions for name in expression.names})
-        used = [loop for loop in loops if loop.values is not None]
-        count = 1
-        for loop in used:
-            count *= 1 if isinstance(loop.values, Expression) else len(loop.values or ())
+        used, _ = self._closure(expressions)
+        sizes = (
+            len(part.values) for part in used if isinstance(part, StaticLoop) and isinstance(part.values, Sequence)
+        )
+        count = math.prod(sizes)
         if count > MAX_COMBINATIONS:
             raise TooManyCombinationsError(count)
-        conditions = [guard for guard in self.guards if self.is_known(guard.condition)]
-        found = self._expand(used, {**self.constants, **self.facts})
+        found = _expand(used, {**self.constants, **self.facts})
         for variables in itertools.islice(found, MAX_COMBINATIONS):
-            names = Namespace(variables)
-            if all(_holds(guard, names) for guard in conditions):
-                yield names
-        if next(found, None) is not None:
+            if variables is not None:
+                yield Namespace(variables)
+        if next(found, self) is not self:
             raise TooManyCombinationsError(MAX_COMBINATIONS + 1)
 
-    def _expand(self, loops: Sequence[StaticLoop], variables: Mapping[str, object]) -> Iterator[dict[str, Any]]:
-        if not loops:
-            yield dict(variables)
+
+def _names_of(values: Sequence[object] | Expression | None) -> set[str]:
+    return {name.name for name in values.names} if isinstance(values, Expression) else set()
+
+
+def _expand(around: Sequence[StaticLoop | Guard], variables: dict[str, Any]) -> Iterator[dict[str, Any] | None]:
+    """Yield the variables of each combination; None for those that a condition excludes."""
+    if not around:
+        yield variables
+        return
+    first, rest = around[0], around[1:]
+    if isinstance(first, Guard):
+        if _holds(first, Namespace(variables)):
+            yield from _expand(rest, variables)
+        else:
+            yield None
+        return
+    values = first.values
+    if values is None:  # known only during the run
+        yield from _expand(rest, variables)
+        return
+    if isinstance(values, Expression):
+        try:
+            values = to_plain(evaluate(values, Namespace(variables)), "the list")
+        except ScenarioError:  # reported by the check of the loop itself
             return
-        first, rest = loops[0], loops[1:]
-        values = first.values
-        if isinstance(values, Expression):
-            try:
-                values = to_plain(evaluate(values, Namespace(variables)), "the list")
-            except ScenarioError:  # reported by the check of the loop itself
-                return
-        for value in values if isinstance(values, list | tuple | range) else ():
-            yield from self._expand(rest, {**variables, first.name: value})
+    for value in values if isinstance(values, list | tuple | range) else ():
+        yield from _expand(rest, {**variables, first.name: value})
 
 
 def _holds(guard: Guard, names: Namespace) -> bool:

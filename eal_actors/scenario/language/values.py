@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping
 from typing import Annotated, Any, Final, Literal
 
@@ -13,12 +12,12 @@ from eal_actors.kernel.errors import ScenarioError
 from eal_actors.kernel.strict_model import StrictModel
 from eal_actors.kernel.yaml_tree import show
 from eal_actors.scenario.language.expressions.functions import as_text
+from eal_actors.scenario.language.expressions.grammar import parse_template
 
 VARIABLE_PATTERN: Final = r"^[A-Za-z_][A-Za-z0-9_]*$"
 MAX_REPEATS: Final = 1_000_000
 INDEX: Final = "i"
 """The variable that counts the passes of `repeat` and `while`, from 0."""
-_EXPRESSION: Final = re.compile(r"\$\{.*\}", re.DOTALL)
 
 Text = Annotated[str, Field(min_length=1)]
 VariableName = Annotated[str, Field(pattern=VARIABLE_PATTERN)]
@@ -68,7 +67,7 @@ Value = Annotated[_Plain | Annotated[_Items, Tag("list")], _ListOrPlain, BeforeV
 
 
 def _expression_only(value: object) -> object:
-    if isinstance(value, str) and not _EXPRESSION.fullmatch(value):
+    if isinstance(value, str) and parse_template(value).whole is None:
         raise ValueError(f"must be a number, or ${{...}} and nothing around it, not {show(value)}")
     return value
 

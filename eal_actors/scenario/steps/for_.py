@@ -90,7 +90,7 @@ class ForStep(LoopStep, kind="for"):
         if not here.are_known(expressions):
             return None
         if isinstance(values, tuple):
-            if here.values.loops or here.values.needs_facts(expressions):
+            if here.values.is_in_loop or here.values.needs_facts(expressions):
                 return None
             try:
                 return render(values, Namespace(here.values.constants))  # type: ignore[return-value]  # a tuple

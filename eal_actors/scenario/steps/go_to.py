@@ -133,7 +133,7 @@ class GoToStep(MapStep, kind="go_to"):
         if isinstance(self.go_to, PlaceArguments):
             where = (*path, self.kind, "place")
             takes_turns = any(step.kind == "wait_for" for _, step in here.scenario.file.walk())  # to leave it
-            is_shared = len(check.regular(here)) > 1 and not (here.values.loops or here.values.guards or takes_turns)
+            is_shared = len(check.regular(here)) > 1 and not (here.values.around or takes_turns)
             for _, _, (place,) in known_places(check, (self.go_to.place,), where, here):
                 if is_shared and not here.values.needs_facts(expressions_in(self.fields()["place"])):
                     message = f"several robots would go to one place, {place_words(place)}; give each its own: `places`"

@@ -38,7 +38,7 @@ class IfStep(BlockStep, kind="if"):
 
     @override
     def robots_inside(self, check: RobotCheck, path: YamlPath, here: RobotScope, keys: Keys) -> RobotScope:
-        return replace(here, values=here.values.under(Guard(parse_bare(self.if_)[0], keys == ("then",))))
+        return replace(here, values=here.values.within(Guard(parse_bare(self.if_)[0], keys == ("then",))))
 
     @override
     def block_words(self, show: Show) -> str:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import ClassVar
 
 from typing_extensions import override
 
+from eal_actors.kernel.errors import EALError
 from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.engine.computing import compute_count
 from eal_actors.scenario.engine.context import RunContext
@@ -17,7 +19,7 @@ from eal_actors.scenario.language.expressions.evaluation import evaluate
 from eal_actors.scenario.language.expressions.grammar import parse_template
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
 from eal_actors.scenario.language.scenario import Keys, Show, Steps
-from eal_actors.scenario.language.static_values import StaticLoop
+from eal_actors.scenario.language.static_values import StaticLoop, TooManyCombinationsError
 from eal_actors.scenario.language.values import INDEX, Held, Repeats
 from eal_actors.scenario.steps.loop import LoopStep
 
@@ -43,8 +45,13 @@ class RepeatStep(LoopStep, kind="repeat"):
         expression = parse_template(text).whole
         if expression is None or not here.values.is_known(expression) or here.values.needs_facts([expression]):
             return None
-        counts = {evaluate(expression, names) for names in here.values.combinations([expression])}
-        return range(max((count for count in counts if isinstance(count, int)), default=0))
+        passes = 0
+        with suppress(TooManyCombinationsError):  # reported by the check of the number, as are errors
+            for names in here.values.combinations([expression]):
+                with suppress(EALError):
+                    count = evaluate(expression, names)
+                    passes = max(passes, count if isinstance(count, int) else 0)
+        return range(passes)
 
     @override
     def block_words(self, show: Show) -> str:

@@ -53,7 +53,7 @@ class WhileStep(LoopStep, kind="while"):
     @override
     def robots_inside(self, check: RobotCheck, path: YamlPath, here: RobotScope, keys: Keys) -> RobotScope:
         guard = Guard(parse_bare(self.while_)[0], wanted=True)
-        return replace(here, values=here.values.within(StaticLoop(INDEX, None)).under(guard))
+        return replace(here, values=here.values.within(StaticLoop(INDEX, None)).within(guard))
 
     @override
     def block_words(self, show: Show) -> str:

@@ -93,6 +93,10 @@ def test_the_environment_has_no_say(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         ),
         ("steps: [{wait_s: -1}]", "5:18: steps[0].wait_s: must be at least 0, not -1"),
         (
+            "steps: [{wait_s: '${1}${2}'}]",
+            "5:18: steps[0].wait_s: must be a number, or ${...} and nothing around it, not '${1}${2}'",
+        ),
+        (
             "steps: [{log: x, at: 1}]",
             "5:18: steps[0].at: unknown key 'at'; known: log, lost_after_s, on_failure, safe_to_repeat",
         ),

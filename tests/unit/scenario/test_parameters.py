@@ -90,6 +90,12 @@ def test_what_may_not_be_declared(tmp_path: Path, declared: str, expected: str) 
     assert problems(tmp_path, f"parameters:\n  {declared}\n") == [f"s.yaml:{expected}"]
 
 
+def test_parameters_hide_no_problem_of_the_file(tmp_path: Path) -> None:
+    (tmp_path / "s.yaml").write_text(f"{HEAD}{DECLARED}".replace("{log:", "{lgo:"))
+    with pytest.raises(ConfigError, match="unknown step 'lgo'"):
+        load_scenario(tmp_path / "s.yaml", {"speed": 1})
+
+
 def test_settings_of_a_command_line(tmp_path: Path) -> None:
     load(tmp_path)
     file = load_scenario(tmp_path / "s.yaml").file

@@ -225,6 +225,42 @@ def test_too_many_combinations_are_a_problem(tmp_path: Path) -> None:
     ]
 
 
+def test_a_condition_between_two_loops_of_one_variable_means_the_outer_one(tmp_path: Path) -> None:
+    command = "{send_cmd: {resource: Base, cmd: '%s'}}"
+    loops = "repeat: 3\n    do:\n    - if: i == %s\n      then:\n      - repeat: 2\n        do: [" + command + "]"
+
+    assert [
+        found.partition("cmd.cmd: a, b: ")[2] for found in problems(tmp_path, steps(loops % (2, "r${i + 400}")))
+    ] == [
+        "command 'r400': its argument must be double 0..360 deg, not 400",
+        "command 'r401': its argument must be double 0..360 deg, not 401",
+    ]
+    assert problems(tmp_path, steps(loops % (3, "r${i + 400}"))) == []
+
+
+@pytest.mark.parametrize(
+    ("count", "problem"),
+    [
+        ("${6 // n}", "6 // n: a division by zero"),
+        ("${[n]}", "must be a whole number from 1 to 1000000, not [0]"),
+    ],
+)
+def test_a_number_of_passes_without_a_value_is_a_problem_of_the_file(tmp_path: Path, count: str, problem: str) -> None:
+    body = steps(f"repeat: {count}\n    do: [{{send_cmd: {{resource: Base, cmd: g}}}}]")
+
+    found = problems(tmp_path, f"parameters: {{n: {{type: int, default: 0}}}}\n{body}")
+    assert found == [f"9:13: steps[0].do[0].repeat: {problem}"]
+
+
+def test_too_many_combinations_of_a_number_of_passes_are_a_problem(tmp_path: Path) -> None:
+    passes = "- repeat: ${a + b + 1}\n        do: [{log: x}]"
+    loops = f"for: {{a: '${{range(999)}}'}}\n    do:\n    - for: {{b: '${{range(999)}}'}}\n      do:\n      {passes}"
+
+    assert [found.partition("repeat: ")[2] for found in problems(tmp_path, steps(loops))] == [
+        "the loops around this step give 100001 combinations; at most 100000 can be checked"
+    ]
+
+
 def test_what_is_saved_during_the_run_is_not_checked(tmp_path: Path) -> None:
     body = steps(
         "get_value: {resource: Base}\n    save_as: seen",

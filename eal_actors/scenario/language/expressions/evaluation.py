@@ -176,6 +176,10 @@ def evaluate(expression: Expression, names: Namespace) -> Any:
 def _reason(error: Exception) -> str:
     if isinstance(error, IndexError):
         return "the list or text has no such item"
+    if isinstance(
+        error, OverflowError
+    ):  # its text is a pair of an error number and a reason, or tells of Python's types
+        return "the result is too large"
     return str(error) or type(error).__name__
 
 

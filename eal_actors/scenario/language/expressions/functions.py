@@ -33,7 +33,8 @@ class RefusalError(ValueError):
     """Why an expression has no value, for its author."""
 
 
-def _bounded(value: Any) -> Any:
+def bounded(value: Any) -> Any:
+    """Return a value; raise RefusalError if it is a number out of range, or too long."""
     if isinstance(value, int) and value.bit_length() > MAX_BITS:
         raise RefusalError(f"the result has more than {MAX_BITS} bits")
     if isinstance(value, float) and not math.isfinite(value):
@@ -57,7 +58,7 @@ def _numbers(name: str, *values: object) -> None:
 def _of_numbers(name: str, work: Callable[..., Any]) -> Callable[..., Any]:
     def apply(*values: Any) -> Any:
         _numbers(name, *values)
-        return _bounded(work(*values))
+        return bounded(work(*values))
 
     return apply
 
@@ -72,7 +73,7 @@ def _add(left: Any, right: Any) -> Any:
             f"'+' takes two numbers, two texts or two lists, not {_shown_type(left)} and {_shown_type(right)}"
         )
     _numbers("'+'", left, right)
-    return _bounded(left + right)
+    return bounded(left + right)
 
 
 def _power(base: Any, exponent: Any) -> Any:
@@ -82,7 +83,7 @@ def _power(base: Any, exponent: Any) -> Any:
     result = base**exponent
     if isinstance(result, complex):
         raise RefusalError("the result is not a real number")
-    return _bounded(result)
+    return bounded(result)
 
 
 def _ordered(symbol: str, work: Callable[[Any, Any], bool]) -> Callable[[Any, Any], bool]:
@@ -160,9 +161,10 @@ def _number(kind: type[int] | type[float]) -> Callable[[Any], Any]:
         if not isinstance(value, int | float | str):
             raise RefusalError(f"{kind.__name__}() takes a number or a text, not {_shown_type(value)}")
         try:
-            return _bounded(kind(value))
+            number = kind(value)
         except (ValueError, OverflowError) as error:
             raise RefusalError(f"{value!r} is no {'whole ' if kind is int else ''}number") from error
+        return bounded(number)
 
     return apply
 
@@ -189,7 +191,7 @@ def _round(value: Any, digits: Any = None) -> Any:
 def _sum(values: Any) -> Any:
     items = _items("sum", values)
     _numbers("sum()", *items)
-    return _bounded(sum(items))
+    return bounded(sum(items))
 
 
 def _wrap_deg(angle_deg: float) -> float:
@@ -214,7 +216,7 @@ def as_text(value: bool | int | float) -> str:
         return "true" if value else "false"
     if not isinstance(value, float) or not math.isfinite(value):
         return str(value)
-    rounded = Decimal(f"{value:.14e}")
+    rounded = Decimal(f"{value:z.14e}")  # without the sign of -0.0
     text = f"{rounded:f}"
     return text.rstrip("0").rstrip(".") if "." in text else text
 

@@ -18,7 +18,7 @@ from functools import lru_cache
 from typing import Final, NamedTuple
 
 from eal_actors.device.info import unknown_name
-from eal_actors.scenario.language.expressions.functions import CONSTANTS, FUNCTIONS, OPERATORS
+from eal_actors.scenario.language.expressions.functions import CONSTANTS, FUNCTIONS, OPERATORS, RefusalError, bounded
 
 MAX_LENGTH: Final = 1000
 """Characters of one expression."""
@@ -174,13 +174,21 @@ class _TreeReader:
         elif isinstance(node, ast.Attribute):
             self._attribute(node)
         elif isinstance(node, ast.Constant):
-            if not isinstance(node.value, str | int | float | bool | None):
-                self._flaw(node, f"{node.value!r} is neither a number nor text nor true or false")
+            self._constant(node)
         elif isinstance(node, _STRUCTURE) and all(type(symbol) in OPERATORS for symbol in _symbols(node)):
             for child in ast.iter_child_nodes(node):
                 self.visit(child, depth + 1)
         else:
             self._flaw(node, f"{self._source(node)} is not part of the expression language")
+
+    def _constant(self, node: ast.Constant) -> None:
+        if not isinstance(node.value, str | int | float | bool | None):
+            self._flaw(node, f"{node.value!r} is neither a number nor text nor true or false")
+            return
+        try:
+            bounded(node.value)
+        except RefusalError as error:
+            self._flaw(node, str(error))
 
     def _source(self, node: ast.AST) -> str:
         return repr(ast.get_source_segment(self._text, node) or type(node).__name__)
@@ -234,6 +242,8 @@ _EXAMPLES: Final = {
 
 # Texts with expressions.
 
+_UP_TO_BRACE: Final = re.compile(r"""((?:[^'"}]+|'(?:\\.|[^'\\])*'|"(?:\\.|[^"\\])*")*+)\}""", re.DOTALL)
+"""An expression and the brace that closes it; braces in quotes do not count."""
 _BROKEN: Final = "${ must be closed, as in ${expression}; write $${ for a literal ${"
 
 
@@ -268,31 +278,16 @@ def parse_template(text: str) -> Template:
             position = start + 2
             continue
         literal += text[position:start]
-        end = _closing(text, start + 2)
-        if end is None:
+        match = _UP_TO_BRACE.match(text, start + 2)
+        if match is None:
             return Template((text,), (Flaw(_BROKEN, start),))
         if literal:
             parts.append(literal)
-        literal, position = "", end + 1
-        expression = parse_expression(text[start + 2 : end])
+        literal, position = "", match.end()
+        expression = parse_expression(match[1])
         parts.append((expression, start + 2))
         flaws += [Flaw(flaw.message, start + 2 + flaw.offset) for flaw in expression.flaws]
     literal += text[position:]
     if literal or not parts:
         parts.append(literal)
     return Template(tuple(parts), tuple(flaws))
-
-
-def _closing(text: str, position: int) -> int | None:
-    """Return the position of the brace that closes an expression; braces in quotes do not count."""
-    quote = ""
-    for index in range(position, len(text)):
-        character = text[index]
-        if quote:
-            if character == quote and text[index - 1] != "\\":
-                quote = ""
-        elif character in "'\"":
-            quote = character
-        elif character == "}":
-            return index
-    return None
