@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import islice
@@ -76,10 +77,11 @@ def _steps(left: RunFolder, right: RunFolder) -> list[ComparedStep]:
 
 def _records(run: RunFolder) -> dict[tuple[str, str, int], Mapping[str, Any]]:
     found: dict[tuple[str, str, int], Mapping[str, Any]] = {}
+    counts: Counter[tuple[str, str]] = Counter()
     for event in run.events:
         if event["event"] == "step_ended":
-            record, number = event["record"], 1
-            while (key := (record["robot"] or "", record["step"], number)) in found:
-                number += 1
-            found[key] = record
+            record = event["record"]
+            step = record["robot"] or "", record["step"]
+            counts[step] += 1
+            found[*step, counts[step]] = record
     return found

@@ -66,11 +66,14 @@ class LiveRecord:
         self._lock = threading.Lock()
         self._losses: dict[str, list[LossReport]] = {name: [] for name in fleet}
         self._observers = ExitStack()
-        with folder_errors(directory):
-            self._scenario_hash = scenario_hash(scenario := _scenario(1.0))
+        self._scenario_hash = scenario_hash(scenario := _scenario(1.0))
+        with folder_errors(directory), ExitStack() as on_error:
+            # First, since it refuses a folder with another record, which must stay as it is.
+            self._journal = Journal(directory, [lambda event: self._recorder.hear(event), *listeners])
+            on_error.callback(self._journal.close)
             keep_provenance(directory, fleet.config, scenario)
             self._recorder = RunRecorder(fleet, fleet, directory, extent)
-        self._journal = Journal(directory, [self._recorder.hear, *listeners])
+            on_error.pop_all()
         self._zero_s = fleet.clock.now()
 
     def __enter__(self) -> Self:

@@ -210,7 +210,7 @@ def scene_message(world: WorldModel) -> Message:
         colour = (*(channel / 255 for channel in beacon.colour), 1.0)
         cylinders.append(_cylinder(beacon.x_m, beacon.y_m, beacon.radius_m, beacon.height_m, colour))
     texts = [_label(beacon.x_m, beacon.y_m, beacon.height_m, beacon.name) for beacon in world.beacons]
-    return {"deletions": [], "entities": [_entity(world.name, WORLD_FRAME, 0.0, cubes, cylinders, texts)]}
+    return {"deletions": [], "entities": [_entity(world.name, WORLD_FRAME, cubes, cylinders, texts)]}
 
 
 def hull_message(radius_m: Mapping[str, float]) -> Message:
@@ -221,20 +221,19 @@ def hull_message(radius_m: Mapping[str, float]) -> Message:
         bar = {"pose": _pose(radius / 2, 0.0, _HULL_M), "size": _vector(radius, 0.03, 0.03), "color": _colour(_INK)}
         disc = _cylinder(0.0, 0.0, radius, _HULL_M, colour)
         label = _label(0.0, 0.0, _HULL_M, robot)
-        entities.append(_entity(f"{robot}/hull", base_frame(robot), 0.0, [bar], [disc], [label]))
+        entities.append(_entity(f"{robot}/hull", base_frame(robot), [bar], [disc], [label]))
     return {"deletions": [], "entities": entities}
 
 
 def _entity(
     name: str,
     frame_id: str,
-    time_s: float,
     cubes: Sequence[Message],
     cylinders: Sequence[Message],
     texts: Sequence[Message],
 ) -> Message:
     return {
-        "timestamp": _stamp(time_s),
+        "timestamp": _stamp(0.0),
         "frame_id": frame_id,
         "id": name,
         "lifetime": {"sec": 0, "nsec": 0},

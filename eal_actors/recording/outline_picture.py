@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from html import escape
 from typing import Final
 
@@ -21,13 +21,12 @@ _LINE: Final = "#b8c0c8"
 def draw_outline(lines: Sequence[OutlineLine]) -> str:
     """Return the tree as SVG; the number at the left is the line in the scenario's file."""
     rows = [_row(number, line) for number, line in enumerate(lines)]
-    links = [_link(number, lines) for number in range(len(lines))]
     widest = max((_text_x(line) + len(line.text) * _CHARACTER_PX for line in lines), default=0.0)
     width, height = round(widest) + _MARGIN_PX, len(lines) * _ROW_PX + 2 * _MARGIN_PX
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" '
         f'font-family="monospace" font-size="13"><rect width="{width}" height="{height}" fill="#ffffff"/>'
-        f"{''.join(links)}{''.join(rows)}</svg>"
+        f"{''.join(_links(lines))}{''.join(rows)}</svg>"
     )
 
 
@@ -43,14 +42,17 @@ def _row(number: int, line: OutlineLine) -> str:
     )
 
 
-def _link(number: int, lines: Sequence[OutlineLine]) -> str:
-    """Return the lines from a row to the one that it lies below."""
-    line = lines[number]
-    above = next((index for index in range(number - 1, -1, -1) if lines[index].depth < line.depth), None)
-    if above is None:
-        return ""
-    x, y = _text_x(lines[above]) + 5, _middle_y(number)
-    return f'<path d="M{x} {_middle_y(above) + 8} V{y} H{_text_x(line) - 4}" fill="none" stroke="{_LINE}"/>'
+def _links(lines: Sequence[OutlineLine]) -> Iterator[str]:
+    """Yield the lines from each row to the one that it lies below."""
+    around: list[int] = []
+    for number, line in enumerate(lines):
+        while around and lines[around[-1]].depth >= line.depth:
+            around.pop()
+        if around:
+            above = around[-1]
+            x, y = _text_x(lines[above]) + 5, _middle_y(number)
+            yield f'<path d="M{x} {_middle_y(above) + 8} V{y} H{_text_x(line) - 4}" fill="none" stroke="{_LINE}"/>'
+        around.append(number)
 
 
 def _text_x(line: OutlineLine) -> float:

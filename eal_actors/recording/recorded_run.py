@@ -152,7 +152,8 @@ def _image(data: str) -> Any:
         import numpy as np
     except ImportError as error:
         raise UnsupportedError("frames of a record need OpenCV: pip install 'eal-actors[vision]'") from error
-    image = cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), cv2.IMREAD_COLOR_RGB)
+    file = np.frombuffer(base64.b64decode(data), np.uint8)
+    image = cv2.imdecode(file, cv2.IMREAD_COLOR_RGB) if file.size else None
     if image is None:
         raise ValueError("a frame is no image")
     return image

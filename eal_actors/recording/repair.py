@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+import os
+from collections.abc import Mapping
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -79,23 +81,25 @@ def merge_record(run: RunFolder) -> float:
     """
     parts = [run.path / RECORD_FILE, run.path / PART_FILE]
     unfinished = run.path / f"{RECORD_FILE}.tmp"
-    file = McapFile(unfinished)
-    try:
+    with ExitStack() as stack:
+        stack.callback(unfinished.unlink, missing_ok=True)
+        file = McapFile(unfinished)
+        stack.callback(file.close)
         for part in parts:
             if part.exists():
-                known = frozenset(file.counts) & {mcap_file.ARENA_TOPIC, mcap_file.HULLS_TOPIC}
-                file.copy(part, partial(_is_new, known))
+                file.copy(part, partial(_is_new, dict(file.newest_s)))
         _restore_lost(file, run)
-    finally:
         file.close()
-    unfinished.replace(parts[0])
+        with unfinished.open("rb") as stream:
+            os.fsync(stream.fileno())
+        unfinished.replace(parts[0])
     parts[1].unlink(missing_ok=True)
     return max(file.newest_s.values(), default=0.0)
 
 
-def _is_new(known: Collection[str], topic: str, _time_s: float) -> bool:
-    """Return whether a topic is not one of those that are written once."""
-    return topic not in known
+def _is_new(newest_s: Mapping[str, float], topic: str, time_s: float) -> bool:
+    """Return whether a message is later than those of the part before; else a crash before its removal merged it."""
+    return time_s > newest_s.get(topic, -1.0)
 
 
 def _restore_lost(file: McapFile, run: RunFolder) -> None:

@@ -26,17 +26,19 @@ TRAJECTORY: Final = "trajectory.csv"
 def new_run_folder(runs_dir: Path, scenario: str) -> Path:
     """Make a new folder named after the scenario and the time; raise ConfigError if it cannot be made."""
     name = f"{scenario}-{wall_time():%Y%m%dT%H%M%SZ}"
-    number = 1
-    while True:
-        directory = runs_dir / (name if number == 1 else f"{name}-{number}")
-        try:
-            directory.mkdir(parents=True)
-        except FileExistsError:
-            number += 1
-        except OSError as error:
-            raise file_error(directory, f"cannot be made: {error.strerror}") from error
-        else:
-            return directory
+    directory, number = runs_dir / name, 1
+    try:
+        runs_dir.mkdir(parents=True, exist_ok=True)
+        while True:
+            try:
+                directory.mkdir()
+            except FileExistsError:
+                number += 1
+                directory = runs_dir / f"{name}-{number}"
+            else:
+                return directory
+    except OSError as error:
+        raise file_error(error.filename or directory, f"cannot be made: {error.strerror}") from error
 
 
 @contextmanager
@@ -98,13 +100,13 @@ class RunFolder:
         found: dict[str, list[PoseSample]] = {}
         if not file.is_file():
             return found
+        rows = csv.DictReader(file.read_text(encoding="utf-8", errors="replace").split("\n")[:-1])
         try:
-            whole_lines = file.read_text(encoding="utf-8").split("\n")[:-1]
-            for row in csv.DictReader(whole_lines):
+            for row in rows:
                 sample = PoseSample(*(float(row[name]) for name in PoseSample._fields))
                 found.setdefault(row["robot"], []).append(sample)
-        except (KeyError, ValueError, TypeError) as error:
-            raise ScenarioError(f"{file} is no table of paths: {error_text(error)}") from error
+        except (KeyError, ValueError, TypeError, csv.Error) as error:
+            raise ScenarioError(f"{file}:{rows.line_num}: is no table of paths: {error_text(error)}") from error
         return found
 
     @cached_property

@@ -117,7 +117,9 @@ class RunRecorder:
     def __exit__(self, *exc_info: object) -> None:
         self._sampler.__exit__(*exc_info)
         self._fleet.services.picture_log = None
-        self._guarded(McapFile.close)
+        with self._lock:  # a tracker may still report a picture
+            self._guarded(McapFile.close)
+            self._file = None
         try:
             if self._table is not None:
                 self._table.close()

@@ -45,6 +45,17 @@ def test_another_controllers_motion_goes_on_after_the_record_and_losses_are_in_i
     assert load_scenario(folder / "scenario.yaml").name == "record"
 
 
+def test_a_folder_with_a_record_stays_as_it_is(tmp_path: Path) -> None:
+    with Fleet.load("sim").connect(["roomba-1"]) as fleet:
+        with LiveRecord(fleet, tmp_path, "poses"):
+            pass
+        before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
+        (tmp_path / "fleet.yaml").write_text("kept")
+        with pytest.raises(ScenarioError, match="already has the record of a run"):
+            LiveRecord(fleet, tmp_path, "poses")
+    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before | {"fleet.yaml": b"kept"}
+
+
 def test_a_folder_that_vanishes_is_reported_and_no_thread_is_left(tmp_path: Path) -> None:
     folder = tmp_path / "record"
     folder.mkdir()

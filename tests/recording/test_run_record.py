@@ -18,12 +18,13 @@ from eal_actors.cli.app import app
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.clock import wall_time
-from eal_actors.kernel.errors import ScenarioError
+from eal_actors.kernel.errors import ConfigError, ScenarioError
 from eal_actors.kernel.lock_step import MAX
 from eal_actors.managers.config import EALConfigManager
-from eal_actors.recording import RunFolder, RunRecorder, repair_record
-from eal_actors.recording.mcap_file import read_mcap
-from eal_actors.recording.recorded_run import RecordedRun
+from eal_actors.recording import RunFolder, RunRecorder, messages, new_run_folder, repair_record, schemas
+from eal_actors.recording.mcap_file import RECORD_FILE, McapFile, read_mcap
+from eal_actors.recording.recorded_run import INFOS, RecordedRun
+from eal_actors.recording.repair import PART_FILE, merge_record
 from eal_actors.scenario.report.events import RunContinued
 from eal_actors.scenario.report.journal import hold_record
 from tests.recording.conftest import record_run
@@ -163,6 +164,53 @@ def test_the_next_run_repairs_the_records_of_killed_runs_and_of_no_others(run: P
     assert RunFolder.open(runs / "killed").record.is_complete
     with (runs / "killed" / "run.mcap").open("rb") as stream:
         assert list(make_reader(stream).iter_messages())
+
+
+def test_a_merge_that_a_crash_cut_short_adds_nothing_twice(run: Path, tmp_path: Path) -> None:
+    merged = shutil.copytree(run, tmp_path / "merged")
+    shutil.copy(merged / RECORD_FILE, merged / PART_FILE)  # merged already, but not removed yet
+    repair_record(merged)
+    assert read_mcap(merged / RECORD_FILE).messages == read_mcap(run / RECORD_FILE).messages
+    assert not (merged / PART_FILE).exists()
+
+
+def test_a_repair_that_fails_names_the_line_and_leaves_no_file(run: Path, tmp_path: Path) -> None:
+    broken = shutil.copytree(run, tmp_path / "broken")
+    (broken / "trajectory.csv").write_text("robot,time_s,x_m,y_m,yaw_rad\nroomba-1,0,0,0,0\nroomba-1,1,x,0,0\n")
+    before = sorted(broken.iterdir())
+    with pytest.raises(ScenarioError, match=r"trajectory\.csv:3: is no table of paths"):
+        merge_record(RunFolder.open(broken))
+    assert sorted(broken.iterdir()) == before
+    (broken / "trajectory.csv").write_text("robot,time_s\n" + "x" * 200_000 + "\n")
+    with pytest.raises(ScenarioError, match=r"trajectory\.csv:\d: is no table of paths"):
+        _ = RunFolder.open(broken).paths
+
+
+def test_what_a_tracker_finds_after_the_end_is_left_out(tmp_path: Path) -> None:
+    config = EALConfigManager.load(bundled_path("fleets/sim.yaml")).fleet
+    with Fleet(dataclasses.replace(config, rate=MAX)).connect(["roomba-1"]) as fleet:
+        recorder = RunRecorder(fleet, fleet, tmp_path)
+        with recorder:
+            recorder.hear(RunContinued(0.0, 1, "", "round", "sim", ("roomba-1",), 3))
+            log = fleet.services.picture_log
+        assert log is not None
+        log.add("camera", fleet.clock.now(), {"text": "x" * 100_000})
+    assert not [entry for entry in read_mcap(tmp_path / RECORD_FILE).messages if entry.topic == "/pictures"]
+
+
+def test_a_frame_without_content_is_invalid(tmp_path: Path) -> None:
+    file = McapFile(tmp_path / RECORD_FILE)
+    file.attach(INFOS, {})
+    file.write("/r/Camera", schemas.IMAGE, 0.0, messages.image_message(0.0, "r", b""))
+    file.close()
+    with pytest.raises(ScenarioError, match=r"the record's value at 0\.000 s is invalid: .*a frame is no image"):
+        RecordedRun.open(tmp_path / RECORD_FILE).value_at("r", "Camera", 1.0)
+
+
+def test_a_folder_of_runs_on_a_disk_that_is_absent_is_reported(tmp_path: Path) -> None:
+    (tmp_path / "runs").symlink_to(tmp_path / "absent" / "disk")
+    with pytest.raises(ConfigError, match=r"runs: cannot be made: File exists"):
+        new_run_folder(tmp_path / "runs", "x")
 
 
 def test_sampling_does_not_change_the_paths(tmp_path: Path, run: Path) -> None:
