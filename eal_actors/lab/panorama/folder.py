@@ -176,7 +176,7 @@ def _from_pose(pose: Path, frame: Path, problems: list[Problem]) -> float:
 
 def _from_table(table: Path, files: Sequence[Path]) -> list[float]:
     """Return the yaw of each file from a table; raise ConfigError with all of the table's problems."""
-    with table.open(newline="", encoding="utf-8-sig") as stream:
+    with table.open(newline="", encoding="utf-8-sig", errors="replace") as stream:
         reader = csv.DictReader(stream, skipinitialspace=True)
         columns = reader.fieldnames or ()
         unit = _first_in(columns, ("yaw_rad", "yaw_deg"))
@@ -184,7 +184,10 @@ def _from_table(table: Path, files: Sequence[Path]) -> list[float]:
             message = f"needs a column yaw_rad or yaw_deg; it has {', '.join(columns) or 'none'}"
             raise ConfigError([Problem(str(table), 1, 1, "", message)])
         key = _first_in(columns, _FILE_COLUMNS)
-        found, problems = _read_rows(table, reader, unit, key, files)
+        try:
+            found, problems = _read_rows(table, reader, unit, key, files)
+        except csv.Error as error:
+            raise ConfigError([Problem(str(table), reader.line_num, 1, "", f"is no table: {error}")]) from error
     problems += _missing_rows(table, found, files, by_row=key is None)
     if problems:
         raise ConfigError(problems)

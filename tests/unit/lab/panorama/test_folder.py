@@ -89,6 +89,8 @@ def test_yaws_come_from_the_poses_beside_the_frames(tmp_path: Path) -> None:
         ({"yaws.csv": ""}, r"needs a column yaw_rad or yaw_deg; it has none"),
         ({"yaws.csv": "yaw_rad\n1\n"}, r"has 1 rows for 2 frames; name them in a column `file`"),
         ({"yaws.csv": "yaw_rad\n1\nleft\n"}, r"yaws.csv:3:1: yaw_rad must be a number, not 'left'"),
+        ({"yaws.csv": "yaw_rad\n1\n\udcff2\n"}, r"yaws.csv:3:1: yaw_rad must be a number, not '\ufffd2'"),
+        ({"yaws.csv": "yaw_rad\n1\n" + "2" * 200_000 + "\n"}, r"yaws.csv:\d:1: is no table: field larger than"),
         ({"yaws.csv": "yaw_rad\n1\nnan\n"}, r"yaws.csv:3:1: yaw_rad must be a number, not 'nan'"),
         ({"frames.csv": "file,yaw_rad\nframe.0.png,1\n"}, r"has no row for frame.1.png"),
         ({"frames.csv": "file,yaw_rad\nframe.0,1\nframe.0,2\nframe.1,2\n"}, r"frame.0 is repeated"),
@@ -101,7 +103,7 @@ def test_yaws_come_from_the_poses_beside_the_frames(tmp_path: Path) -> None:
 def test_what_is_wrong_with_a_folder_is_told(tmp_path: Path, files: Mapping[str, str], message: str) -> None:
     save(tmp_path, tiny(2))
     for name, text in files.items():
-        (tmp_path / name).write_text(text)
+        (tmp_path / name).write_bytes(text.encode(errors="surrogateescape"))
     with pytest.raises(ConfigError, match=message):
         read_frames(tmp_path)
 
