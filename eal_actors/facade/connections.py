@@ -113,6 +113,7 @@ class _SharedFleet:
 
 _lock = threading.Lock()
 _fleets: dict[Path | str, _SharedFleet] = {}
+_connections_lock = threading.Lock()  # its own: a fleet that connects, or closes, holds the other one for seconds
 _connections: Counter[RobotHandle] = Counter()
 
 
@@ -161,13 +162,13 @@ def release_fleet(fleet: Fleet) -> None:
 
 def add_connection(robot: RobotHandle) -> None:
     """Count a connection to a robot; each needs one `remove_connection`. Thread: any."""
-    with _lock:
+    with _connections_lock:
         _connections[robot] += 1
 
 
 def remove_connection(robot: RobotHandle) -> None:
     """Count the end of a connection; the last one halts the robot. Thread: any; blocks until it has halted."""
-    with _lock:
+    with _connections_lock:
         _connections[robot] -= 1
         is_last = _connections[robot] <= 0
         if is_last:

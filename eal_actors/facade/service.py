@@ -62,7 +62,8 @@ class RobotService:
         self.is_behind_router: Final = wanted.address == BEHIND_ROUTER
         self._shares = shared is not None
         self._fleet = shared if shared is not None else Fleet(_local(config, [robot]))
-        self._host = host
+        self._shared_host = host
+        self._host: RobotHost | None = None
         self._server: RobotServer | None = None
         self._server_lock = threading.Lock()
         self._failure: EALError | None = None
@@ -92,14 +93,15 @@ class RobotService:
                 self._fleet.connect()
             self.robot.require_started()
             self._check_exclusive()
-            keeper = None
-            if self._host is None:
-                self._host, keeper = stack.enter_context(_hosting(self._config, [self._name]))
+            host, keeper = self._shared_host, None
+            if host is None:
+                host, keeper = stack.enter_context(_hosting(self._config, [self._name]))
+            self._host = host
             stack.callback(self._close_server)
-            self._serve(self._host)
+            self._serve(host)
             stack.callback(self._halt)
             if keeper is not None:
-                keeper.follow(self._host.move_to)
+                keeper.follow(host.move_to)
             self._stack = stack.pop_all()
         return self
 

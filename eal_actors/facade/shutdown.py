@@ -12,6 +12,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import ExitStack
 from types import FrameType
 from typing import Final, NoReturn
 
@@ -51,8 +52,9 @@ def is_to_close(close: Callable[[], None]) -> bool:
 
 @atexit.register
 def _close_all() -> None:
-    for close in list(_actions):
-        close()
+    with ExitStack() as stack:  # closes all of them even if one raises
+        for close in _actions:
+            stack.callback(close)
 
 
 def _leave_all() -> None:

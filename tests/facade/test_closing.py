@@ -147,6 +147,20 @@ def test_a_child_that_is_terminated_while_it_is_forked_ends() -> None:
     assert ended.stdout == f"{-signal.SIGTERM.value} {int(signal.SIG_DFL)}\n"
 
 
+TROUBLE = """
+from eal_actors.facade.shutdown import close_on_exit
+
+for number in range(3):
+    close_on_exit(lambda number=number: print(number, 6 // (number - 1)), print)
+"""
+
+
+def test_all_that_is_open_is_closed_at_exit_although_one_raises() -> None:
+    ended = subprocess.run([sys.executable, "-c", TROUBLE], capture_output=True, text=True, check=False)
+    assert ended.stdout == "2 6\n0 -6\n"
+    assert "ZeroDivisionError" in ended.stderr
+
+
 @pytest.mark.slow
 def test_robots_are_not_stuck_while_their_process_gets_no_processor(tmp_path: Path) -> None:
     """It is frozen twice for longer than the limit."""

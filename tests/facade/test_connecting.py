@@ -12,6 +12,8 @@ import pytest
 
 from eal_actors import Fleet
 from eal_actors.actors.robot_view import RobotState
+from eal_actors.facade import connections
+from eal_actors.kernel.bundled import bundled_path
 from tests.log_lines import log_lines
 from tests.plugin_files import write_plugin
 
@@ -32,6 +34,7 @@ def connect(context: PluginContext) -> EALPlugin:
     return EALPlugin("Base")
 """
 NAMES = ("one", "two", "three")
+WAIT_S = 30.0
 
 
 @pytest.fixture
@@ -49,7 +52,7 @@ def fleet(tmp_path: Path) -> Iterator[Fleet]:
         yield fleet
     finally:
         for name in NAMES:
-            if fleet[name].state is RobotState.STARTING:
+            if fleet and fleet[name].state is RobotState.STARTING:
                 open_gate(tmp_path, name)
         fleet.close()
 
@@ -64,6 +67,24 @@ def test_each_late_robot_is_reported_with_the_time_that_it_had(fleet: Fleet) -> 
     late = [json.loads(line) for line in log.getvalue().splitlines() if "robot is late" in line]
     assert [line["robot"] for line in late] == list(NAMES)
     assert all(float(line["reason"].split()[-2]) >= 0.2 for line in late), late
+
+
+def test_a_robot_is_halted_while_another_fleet_connects(fleet: Fleet, tmp_path: Path) -> None:
+    local = connections.acquire_fleet(bundled_path("fleets/local.yaml"))
+    (robot,) = local.values()
+    connections.add_connection(robot)
+    connecting = threading.Thread(target=connections._acquire, args=("gated", lambda: fleet))
+    connecting.start()
+    open_gate(tmp_path, NAMES[0])  # from here on it waits for the other robots
+    leaving = threading.Thread(target=connections.remove_connection, args=(robot,), daemon=True)
+    leaving.start()
+    leaving.join(WAIT_S)
+    assert not leaving.is_alive()
+    for name in NAMES[1:]:
+        open_gate(tmp_path, name)
+    connecting.join()
+    connections.release_fleet(fleet)
+    connections.release_fleet(local)
 
 
 def test_the_wait_begins_anew_when_a_robot_is_up(fleet: Fleet, tmp_path: Path) -> None:

@@ -45,6 +45,14 @@ def test_it_ends_at_sigterm_while_its_terminal_is_paused(tmp_path: Path) -> None
             assert server.wait(WAIT_S) == 0
 
 
+def test_a_service_can_be_opened_again(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    service = RobotService(rig.config, "r1")
+    for _ in range(2):
+        with service, ready(Fleet(rig.config)) as fleet:
+            assert fleet["r1"]["Gauge"].get_value().get(timeout=WAIT_S).value == -42
+
+
 def test_the_error_of_a_reload_does_not_wait_for_a_paused_terminal(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
