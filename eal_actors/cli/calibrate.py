@@ -79,6 +79,13 @@ class _CalibrationResult:
         """Whether the second run has a smaller error than the first; true without a second run."""
         return self.after is None or self.after.error_m < self.before.error_m
 
+    @property
+    def factor(self) -> float | None:
+        """How many times smaller the error of the second run is; None without one."""
+        if self.after is None:
+            return None
+        return self.before.error_m / self.after.error_m if self.after.error_m else math.inf
+
 
 class ManualMeasurement(SquareMeasurement):
     """Measurement by a person with a tape measure, who also puts the robot back on its mark.
@@ -250,7 +257,7 @@ def _print_results(console: Console, results: list[_CalibrationResult]) -> None:
     table = new_table("robot", *numbers, right=numbers)
     for result in results:
         after = "" if result.after is None else f"{_mm(result.after.error_m)} mm"
-        factor = "" if result.after is None else f"{result.before.error_m / result.after.error_m:.1f}"
+        factor = "" if result.factor is None else f"{result.factor:.1f}"
         table.add_row(
             Text(result.robot, style="cyan"),
             f"{_mm(result.before.error_m)} mm",
@@ -300,7 +307,7 @@ def _result_as_json(result: _CalibrationResult, written: dict[str, WrittenCalibr
             "is_doubtful": result.fit.is_doubtful,
         },
         "after": None if result.after is None else _ends_as_json(result.after),
-        "factor": None if result.after is None else result.before.error_m / result.after.error_m,
+        "factor": result.factor,
         "file": None if files is None else str(files.file),
     }
 

@@ -168,6 +168,8 @@ def _as_image(value: Any, robot: str, resource: str) -> Any:
 
     if isinstance(value, np.ndarray) and value.ndim == 3:
         return cv2.cvtColor(value, cv2.COLOR_RGB2GRAY)
-    if (image := cv2.imdecode(np.frombuffer(bytes(value), np.uint8), cv2.IMREAD_GRAYSCALE)) is None:
+    file = bytes(value) if isinstance(value, bytes | np.ndarray) else b""
+    image = cv2.imdecode(np.frombuffer(file, np.uint8), cv2.IMREAD_GRAYSCALE) if file else None
+    if image is None:
         raise ArgumentError("its value is no picture").at(robot, resource)
     return image

@@ -11,6 +11,7 @@ import typer
 from eal_actors.cli.check import schema_of
 from eal_actors.cli.output import print_line, stdout
 from eal_actors.kernel.errors import file_error, unwritable_error
+from eal_actors.lab.fleet_edits import replace_file
 
 SCHEMAS: Final = Path(".vscode/eal")
 """The folder of the schemas, below the prepared folder."""
@@ -34,17 +35,17 @@ def init_folder(
     """
     schemas = folder / SCHEMAS
     settings, extensions = folder / ".vscode/settings.json", folder / ".vscode/extensions.json"
-    kept, wanted = _read(settings), _read(extensions)
+    kept, wanted = _read(settings, "yaml.schemas", {}), _read(extensions, "recommendations", [])
     try:
         schemas.mkdir(parents=True, exist_ok=True)
         for kind in _GLOBS:
-            _write(schemas / f"{kind}.schema.json", schema_of(kind))
+            (schemas / f"{kind}.schema.json").write_text(_as_json(schema_of(kind)), encoding="utf-8")
         ours = {f"./{SCHEMAS.as_posix()}/{kind}.schema.json": globs for kind, globs in _GLOBS.items()}
-        _write(settings, {**kept, "yaml.schemas": {**kept.get("yaml.schemas", {}), **ours}})
-        recommended = list(dict.fromkeys([*wanted.get("recommendations", []), _EXTENSION]))
-        _write(extensions, {**wanted, "recommendations": recommended})
     except OSError as error:
         raise unwritable_error(error.filename, error) from error
+    replace_file(settings, _as_json({**kept, "yaml.schemas": {**kept["yaml.schemas"], **ours}}))
+    recommended = list(dict.fromkeys([*wanted["recommendations"], _EXTENSION]))
+    replace_file(extensions, _as_json({**wanted, "recommendations": recommended}))
     out = stdout()
     print_line(out, f"{settings}: YAML files of {folder.resolve().name} are completed and checked")
     print_line(out, "next: eal new fleet; eal new scenario", "dim")
@@ -61,19 +62,24 @@ def header_for(file: Path, kind: str) -> str:
     return ""
 
 
-def _read(file: Path) -> dict[str, Any]:
-    """Return the settings of a file, nothing without one; raise ConfigError if it is no JSON, such as with comments."""
+def _read(file: Path, key: str, empty: object) -> dict[str, Any]:
+    """Return the settings of a file, in which a key has a value, an empty one without the file.
+
+    Raises ConfigError if it is no JSON, such as with comments, or the value is of another type.
+    """
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        return {}
+        return {key: empty}
     except (OSError, ValueError) as error:
         why = f'cannot be extended ({error}): remove its comments, or add "yaml.schemas" by hand'
         raise file_error(file, why) from error
     if not isinstance(content, dict):
         raise file_error(file, "must be a mapping")
+    if type(content.setdefault(key, empty)) is not type(empty):
+        raise file_error(file, f"'{key}' must be a {'mapping' if isinstance(empty, dict) else 'list'}")
     return content
 
 
-def _write(file: Path, content: dict[str, Any]) -> None:
-    file.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+def _as_json(content: dict[str, Any]) -> str:
+    return json.dumps(content, indent=2) + "\n"

@@ -183,7 +183,7 @@ def _name_of(file: Path) -> str:
     if re.fullmatch(NAME_PATTERN, file.stem) is None:
         why = "its name is the name inside: it must be a letter, then letters, digits, '_', '.' or '-'"
         raise file_error(file, why)
-    return file.stem
+    return yaml.safe_dump(file.stem).splitlines()[0]  # with quotes for names such as `true`
 
 
 def _refuse_existing(file: Path) -> None:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from eal_actors.cli import app
-from eal_actors.device.differential_base import WheelCalibration
+from eal_actors.cli.calibrate import _CalibrationResult
+from eal_actors.device.differential_base import NOMINAL, WheelCalibration
+from eal_actors.lab.calibration.fit import fit_squares
 from eal_actors.lab.calibration.square import SquareEnds, square_end, write_square_ends
 from eal_actors.managers.config import EALConfigManager
 from tests.cli.conftest import Program, Write
@@ -144,3 +147,10 @@ def test_a_robot_that_meets_a_wall_is_stopped_and_told(eal: Program, write: Writ
     result = eal("calibrate", "--fleet", lab, "--robot", "rob", "--fast", "--write")
     assert result.exit_code == 1
     assert "rob: touches something on side 1 of a square cw: clear the floor" in result.output
+
+
+def test_a_second_run_without_any_error_is_better() -> None:
+    before, after = SquareEnds(((0.1, 0.0),), ((0.0, 0.1),)), SquareEnds(((0.0, 0.0),), ((0.0, 0.0),))
+    result = _CalibrationResult("r", 0.2, None, before, fit_squares(before, 1.0, 0.2, NOMINAL), after)
+    assert result.is_better
+    assert result.factor == math.inf

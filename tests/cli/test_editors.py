@@ -66,6 +66,24 @@ def test_init_prepares_a_folder_and_keeps_its_settings(eal: Program, tmp_path: P
     assert settings.read_text() == "{} // mine"
 
 
+@pytest.mark.parametrize(
+    ("name", "content", "problem"),
+    [
+        ("settings.json", '{"yaml.schemas": null}', "'yaml.schemas' must be a mapping"),
+        ("extensions.json", '{"recommendations": "a.b"}', "'recommendations' must be a list"),
+    ],
+)
+def test_init_refuses_settings_that_it_cannot_extend(
+    eal: Program, tmp_path: Path, name: str, content: str, problem: str
+) -> None:
+    file = tmp_path / ".vscode" / name
+    file.parent.mkdir()
+    file.write_text(content)
+    done = eal("init", tmp_path)
+    assert (done.exit_code, problem in done.output) == (2, True), done.output
+    assert (file.read_text(), list(file.parent.iterdir())) == (content, [file])
+
+
 def test_a_new_file_elsewhere_has_no_header(eal: Program, tmp_path: Path) -> None:
     assert eal("new", "fleet", tmp_path / "mine.yaml", "--robot", "roomba", "--count", "1").exit_code == 0
     assert "yaml-language-server" not in (tmp_path / "mine.yaml").read_text()

@@ -55,6 +55,13 @@ def test_a_new_world_holds_as_many_obstacles_as_it_says(eal: Program, size: str)
     assert load_world("w.yaml").places["home"].x_m == 0
 
 
+@pytest.mark.parametrize("name", ["true", "null"])
+def test_a_name_that_is_no_text_in_yaml_is_quoted(eal: Program, name: str) -> None:
+    done = eal("new", "world", f"{name}.yaml", "--size", "6x4", "--obstacles", 1)
+    assert done.exit_code == 0, done.output
+    assert load_world(f"{name}.yaml").name == name
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -185,3 +185,9 @@ def test_calibrate_without_a_fleet_names_the_option(eal: Program) -> None:
     done = eal("calibrate")
     assert done.exit_code == 2
     assert "--fleet" in done.output
+
+
+def test_a_resource_that_gives_no_picture_is_reported(eal: Program) -> None:
+    done = eal("calibrate", "camera", "--fleet", "sim", "--robot", "roomba-1", "--resource", "Battery")
+    assert done.exit_code == 2, done.output
+    assert "roomba-1/Battery: its value is no picture" in done.output
