@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import secrets
 import sys
-from contextlib import ExitStack, closing
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -63,6 +65,7 @@ def serve_agents(
     require_modules(config, config.robots)
     console = service_output(sys.stderr)  # stdout is the protocol's
     with ExitStack() as stack:
+        protocol_stdout = stack.enter_context(_stdout_for_protocol() if http is None else nullcontext(nullcontext))
         audit = stack.enter_context(closing(AuditLog(runs_dir).start()))
         opened = stack.enter_context(Fleet(config).connect())
         stack.enter_context(foxglove_at(foxglove, opened, console, allow_control=False))
@@ -72,13 +75,42 @@ def serve_agents(
         try:
             if http is None:
                 try:
-                    server.server.run("stdio")
+                    with protocol_stdout():
+                        server.server.run("stdio")
                 except* BrokenPipeError:
                     get_logger().info("the client has left while it was answered")
             else:
                 _serve_http(server, http, console)
         except KeyboardInterrupt:
             console.print("halting the robots")
+
+
+@contextmanager
+def _stdout_for_protocol() -> Iterator[Callable[[], AbstractContextManager[None]]]:
+    """Send what plugins, their libraries and processes print to stderr; yield what returns stdout to the SDK.
+
+    The SDK does the same while it serves, but not while the fleet connects and disconnects.
+    """
+    kept = os.dup(1)
+
+    def point_at(descriptor: int) -> None:
+        sys.stdout.flush()
+        os.dup2(descriptor, 1)
+
+    @contextmanager
+    def returned() -> Iterator[None]:
+        point_at(kept)
+        try:
+            yield
+        finally:
+            os.dup2(2, 1)
+
+    point_at(2)
+    try:
+        yield returned
+    finally:
+        point_at(kept)
+        os.close(kept)
 
 
 def _serve_http(server: Any, port: int, console: Console) -> None:

@@ -21,6 +21,7 @@ from eal_actors.kernel.bundled import bundled_path
 from eal_actors.operate.agents.plans import PlanStore
 from eal_actors.operate.audit import read_audit
 from tests.operate.agents.agent import FLEET, PLACE, PLAN, POLICY, Agent, mutate, talk
+from tests.plugin_files import write_plugin
 from tests.program import eal_processes
 from tests.unit.plugins.ros2.rig import wait_for
 
@@ -229,8 +230,7 @@ def test_the_run_ends_with_a_client_that_dies(tmp_path: Path) -> None:
         return found
 
     with process:
-        about = {"protocolVersion": "2025-03-26", "capabilities": {}, "clientInfo": {"name": "a test", "version": "1"}}
-        send(id=1, method="initialize", params=about)
+        send(id=1, method="initialize", params=ABOUT)
         assert answer()["id"] == 1
         send(method="notifications/initialized")
         send(id=2, method="tools/call", params={"name": "submit_plan", "arguments": {"scenario": LONG}})
@@ -243,6 +243,56 @@ def test_the_run_ends_with_a_client_that_dies(tmp_path: Path) -> None:
         assert process.wait(60) == 0, process.stderr.read() if process.stderr else ""
     (summary,) = tmp_path.glob("runs/*/summary.json")
     assert json.loads(summary.read_bytes())["outcome"] == "aborted"
+
+
+CHATTY = """\
+import os
+import subprocess
+
+from eal_actors.plugin import EALPlugin, Resource, ResourceType, command
+
+
+class Arm(Resource):
+    types = ResourceType.ACTUATOR
+
+    def halt(self):
+        print("the arm halts", flush=True)
+
+    @command("wave")
+    def wave(self):
+        return 1
+
+
+def connect():
+    print("the driver connects", flush=True)
+    os.write(1, b"its library too\\n")
+    subprocess.run(["echo", "and its program"], check=True)
+    return EALPlugin("Arm")
+
+
+def disconnect(plugin):
+    print("the driver has ended", flush=True)
+"""
+ABOUT = {"protocolVersion": "2025-03-26", "capabilities": {}, "clientInfo": {"name": "a test", "version": "1"}}
+
+
+def test_what_a_plugin_prints_is_never_in_the_protocol(tmp_path: Path) -> None:
+    write_plugin(tmp_path, "chatty", CHATTY, "Arm")
+    (tmp_path / "hall.yaml").write_text("version: 1\nplugin_dirs: [plugins]\nrobots: {one: {plugins: {chatty: {}}}}\n")
+    command = [sys.executable, "-m", "eal_actors", "mcp", "--fleet", "hall.yaml"]
+    first = {"jsonrpc": "2.0", "id": 1, "method": "initialize", "params": ABOUT}
+    done = subprocess.run(
+        command,
+        cwd=tmp_path,
+        env=ENVIRONMENT,
+        input=f"{json.dumps(first)}\n",
+        capture_output=True,
+        text=True,
+        timeout=90,
+    )
+    assert [json.loads(line)["id"] for line in done.stdout.splitlines()] == [1], done.stdout
+    for text in ("the driver connects", "its library too", "and its program", "the driver has ended"):
+        assert text in done.stderr
 
 
 @pytest.mark.slow
