@@ -49,7 +49,7 @@ class BrowserAudit:
             self._end_press(robot, "the page left")
 
     def _record(self, message: Any) -> Finish:
-        return self._log.begin(self._user, message.do, message.model_dump(mode="json", exclude={"do", "id"}))
+        return self._log.begin(self._user, message.do, message.model_dump(mode="json", exclude={"do", "id", "heard_s"}))
 
     def _begin_press(self, message: DriveRobot, reply: Reply) -> Reply:
         press, _ = self._presses.get(message.robot, (None, None))

@@ -14,6 +14,7 @@ from eal_actors.kernel.errors import (
     ConfigError,
     EALError,
     PreemptedError,
+    StaleCommandError,
     StoppedError,
     code_of,
     error_text,
@@ -41,6 +42,9 @@ _BLOCKING: Final = (
     messages.SendRobot,
     messages.StartRun,
 )
+HEARD_S: Final = 3.0
+"""Real seconds: a command of a page whose newest update was older when it arrives is not executed. The page, which
+receives one each second, shows after the same time that it is outdated."""
 _WHOLE_ARRAY: Final = 64
 _COMMANDS: Final = ("set_value", "send_cmd", "set_config")  # the methods that reserve a resource for their caller
 
@@ -69,6 +73,8 @@ class Dispatcher:
         """Execute one of `messages` from a browser, and reply at its end."""
         number = getattr(message, "id", None)
         try:
+            if not isinstance(message, messages.DriveRobot):  # whose errors name their press
+                self._require_fresh(message)
             answer = self._execute(message, browser, reply)
         except EALError as error:
             reply(failure(number, error))
@@ -107,6 +113,28 @@ class Dispatcher:
                 return self._execute_run(message, browser)
         return None
 
+    def _require_fresh(self, message: Any) -> None:
+        """Raise StaleCommandError if a command was held up, by the network or because this computer slept."""
+        if not messages.may_expire(message) or self._is_stop(message):
+            return
+        if message.heard_s is None:
+            raise StaleCommandError("not executed: the page is of another release; reload it")
+        age_s = (self._fleet.clock.now() - message.heard_s) / self._fleet.clock.of_real(1.0)
+        if age_s > HEARD_S:
+            raise StaleCommandError(f"not executed: the page showed a state of {age_s:.1f} s ago; send it again")
+
+    def _is_stop(self, message: Any) -> bool:
+        match message:
+            case messages.CallResource(method="send_cmd", text=str(text)):
+                names: tuple[str, ...] = (message.robot,)
+            case messages.CommandRobots(text=text):
+                names = message.robots
+            case _:
+                return False
+        robots = [self._fleet[name] for name in names if name in self._fleet]
+        handles = [robot[message.resource] for robot in robots if message.resource in robot]
+        return bool(handles) and all(handle.is_stop(text) for handle in handles)
+
     def _execute_run(self, message: Any, browser: str) -> dict[str, Any]:
         match message:
             case messages.ListScenarios():
@@ -136,6 +164,7 @@ class Dispatcher:
 
         twist = Twist(message.speed_m_s, message.turn_rad_s)
         try:
+            self._require_fresh(message)
             self._teleop.drive(browser, message.robot, message.press, twist, on_error)
         except EALError as error:
             on_error(message.robot, error)

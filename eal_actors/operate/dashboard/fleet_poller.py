@@ -10,6 +10,7 @@ import math
 import threading
 from collections import deque
 from collections.abc import Callable
+from datetime import timedelta
 from typing import Any, Final
 
 from eal_actors.actors.future import Future
@@ -18,7 +19,7 @@ from eal_actors.actors.robot_view import Ping, RobotState
 from eal_actors.device.data import DataType, EALData
 from eal_actors.device.info import ValueInfo
 from eal_actors.device.localization.pose_estimate import PoseEstimate
-from eal_actors.kernel.clock import REAL_TIME, new_waiter, wall_time
+from eal_actors.kernel.clock import REAL_TIME, Clock, new_waiter, wall_time
 from eal_actors.kernel.log import get_logger
 from eal_actors.operate.dashboard.control import ControlRegistry, DashboardContext
 from eal_actors.operate.dashboard.robot_shape import RobotShape
@@ -38,6 +39,8 @@ HEALTH_PERIOD_S: Final = 1.0
 """Real seconds between polls of batteries and links."""
 POSE_RESOURCES: Final = ("Pose", "Odometry")
 """The true pose, else the pose by dead reckoning."""
+OLD_S: Final = 3.0
+"""Real seconds after which a pose or charge that is not known anew is old: the one is marked, the other not shown."""
 BATTERY_RESOURCE: Final = "Battery"
 HERE: Final = "this dashboard"
 """The controller of a resource that this process holds but has not commanded since the dashboard started."""
@@ -97,7 +100,8 @@ class FleetPoller:
             self._store.put("robots", {name: None})
             self._store.remove("poses", name)
         self._pollers = {
-            name: self._pollers.get(name) or _RobotPoller(robot, self._steps, self._control, number % ASK_POLLS)
+            name: self._pollers.get(name)
+            or _RobotPoller(robot, self._fleet.clock, self._steps, self._control, number % ASK_POLLS)
             for number, (name, robot) in enumerate(fleet.items())
         }
 
@@ -105,7 +109,8 @@ class FleetPoller:
         if self._pollers.keys() != self._fleet.keys():
             self._follow_fleet()
         if self._is_watched():
-            poses = {name: pose for name, poller in self._pollers.items() if (pose := poller.poll_pose()) is not None}
+            read = {name: poller.poll_pose(now_s) for name, poller in self._pollers.items()}
+            poses = {name: pose for name, pose in read.items() if pose is not None}
             self._store.put("poses", poses)
         self._values.poll(now_s)
         if now_s >= self._health_due_s:
@@ -121,14 +126,19 @@ class FleetPoller:
 class _RobotPoller:
     """The state of one robot, and the open questions to it. Thread: the poller's."""
 
-    def __init__(self, robot: RobotHandle, steps: CurrentSteps, control: ControlRegistry, skip_polls: int) -> None:
+    def __init__(
+        self, robot: RobotHandle, clock: Clock, steps: CurrentSteps, control: ControlRegistry, skip_polls: int
+    ) -> None:
         self._robot = robot
+        self._clock = clock
         self._steps = steps
         self._control = control
         self._pose: Future[EALData] | None = None
         self._pose_resource: ResourceHandle | None = None
         self._battery: Future[EALData] | None = None
         self._charge: float | None = None
+        self._charge_s = self._place_s = self._polled_s = 0.0
+        self._place_seen: str | None = None
         self._ping: Future[Ping] | None = None
         self._estimate: Future[PoseEstimate] | None = None
         self._has_estimate = False
@@ -169,8 +179,11 @@ class _RobotPoller:
 
     # Poses.
 
-    def poll_pose(self) -> dict[str, Any] | None:
+    def poll_pose(self, now_s: float) -> dict[str, Any] | None:
         """Return the pose if it is known anew: read without asking, or the answer to an earlier question."""
+        if now_s > self._polled_s + OLD_S:  # nobody has watched
+            self._place_s = self._clock.now()
+        self._polled_s = now_s
         data = None
         if self._pose is not None and self._pose.done():
             data, self._pose = _result_or_none(self._pose), None
@@ -189,7 +202,18 @@ class _RobotPoller:
         place = [round(x_m, 4), round(y_m, 4), round(yaw_rad, 4)]
         self._same = self._same + 1 if place == self._place else 0
         self._place = place
+        self._place_s = self._clock.now() if data.stamp_s is None else data.stamp_s
+        self._place_seen = None
         return {"at": place, "by": self._pose_resource.name if self._pose_resource is not None else None}
+
+    def _old_pose(self) -> str | None:
+        """Return when the pose was measured, by the wall clock, if that was long ago."""
+        age_s = (self._clock.now() - self._place_s) / self._clock.of_real(1.0)
+        if self._place is None or age_s <= OLD_S:
+            return None
+        if self._place_seen is None:
+            self._place_seen = (wall_time() - timedelta(seconds=age_s)).isoformat(timespec="seconds")
+        return self._place_seen
 
     def _read_pose(self) -> EALData | None:
         """Return the pose if it can be read without asking; else ask for it."""
@@ -227,6 +251,7 @@ class _RobotPoller:
             data, self._battery = _result_or_none(self._battery), None
             number = data.value if data is not None else None
             self._charge = float(number) if isinstance(number, int | float) else None
+            self._charge_s = REAL_TIME.now()
         if self._estimate is not None and self._estimate.done():
             estimate, self._estimate = _result_or_none(self._estimate), None
             spread = None if estimate is None else [estimate.covariance[row][column] for row, column in _SPREAD]
@@ -257,6 +282,7 @@ class _RobotPoller:
         self._take_answers()
         robot, answer, ours = self._robot, self._answer, self._ours()
         warnings = () if answer is None else answer.warnings
+        charge = self._charge if REAL_TIME.now() <= self._charge_s + OLD_S else None
         return {
             **self._description,
             **self._shape.to_dict(),
@@ -269,7 +295,8 @@ class _RobotPoller:
             "last_seen": self._seen if robot.state is RobotState.LOST else None,
             "restarts": {name: count for name, count in robot.restarts.items() if count},
             "spread_m2": self._spread_m2,
-            "battery": None if self._charge is None else round(self._charge, 3),
+            "pose_seen": self._old_pose(),
+            "battery": None if charge is None else round(charge, 3),
             "round_trip_ms": round(answer.round_trip_s * 1000, 1) if answer is not None and robot.is_remote else None,
             "control": self._controllers(ours),
             "running": [

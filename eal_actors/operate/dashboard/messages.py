@@ -53,6 +53,8 @@ class DriveRobot(StrictModel):
     robot: Word
     press: Number
     """The number of this key press, higher than all before it of this page."""
+    heard_s: float | None = None
+    """As in `_AnsweredMessage`."""
     speed_m_s: float = Field(ge=-10, le=10)
     turn_rad_s: float = Field(ge=-20, le=20)
 
@@ -68,6 +70,8 @@ class _AnsweredMessage(StrictModel):
     """A message that is answered under its number."""
 
     id: Number
+    heard_s: float | None = None
+    """The time of the newest update that the page had received: by it, commands that were held up are refused."""
 
 
 class Describe(_AnsweredMessage):
@@ -194,6 +198,28 @@ _ROLES: Final[Mapping[type, Role]] = {
     **dict.fromkeys((StartRun, ControlRun, ListPlans, DecidePlan), Role.RUN),
     ReloadFleet: Role.ADMINISTER,
 }
+
+
+_COMMANDS: Final = (
+    CallResource,
+    CommandRobots,
+    SendRobot,
+    DriveRobot,
+    ResumeAll,
+    ReloadFleet,
+    StartRun,
+    DecidePlan,
+    ControlRun,
+)
+
+
+def may_expire(message: object) -> bool:
+    """Return whether a message may begin or change something, so that it must not be obeyed late."""
+    match message:
+        case CallResource(method="halt") | CommandRobots(resource="") | ControlRun(what="abort" | "pause"):
+            return False
+        case _:
+            return isinstance(message, _COMMANDS)
 
 
 def needed_role(message: object) -> Role:

@@ -109,6 +109,7 @@ class Dashboard:
             "world": world_map(config.world),
             "trails": self._poller.trails(),
             "rate": self._fleet.clock.of_real(1.0),
+            "now_s": self._fleet.clock.now(),
             "silence_s": SILENCE_S,
             "max_cameras": MAX_CAMERAS,
             "max_frames_per_s": MAX_FRAMES_PER_S,

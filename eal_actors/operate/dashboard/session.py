@@ -53,6 +53,8 @@ POLICY_VIOLATION: Final = 1008
 SIGN_IN: Final = 4401
 """The code of the closed websocket of a user whom the page must ask for a token."""
 TRY_AGAIN_LATER: Final = 1013
+_FREE: Final = (messages.StopAll, messages.DriveRobot, messages.ReleaseRobot, messages.Watch, messages.WatchValues)
+"""They are limited by the number of messages alone; what to watch is limited where it is executed."""
 _numbers = itertools.count(1)
 
 
@@ -99,6 +101,7 @@ class BrowserSession:
         self._cameras: tuple[CameraKey, ...] = ()
         self._frame_period_s = 0.2
         self._values_of: str | None = None
+        self._chosen: dict[type, Any] = {}
         self._sent_s = 0.0
         self._frames: dict[CameraKey, tuple[int, float]] = {}
         self._messages = TokenBucket(MESSAGES_PER_S, MESSAGES_AT_ONCE)
@@ -126,12 +129,14 @@ class BrowserSession:
         except EALError as error:
             await self._reject(error, POLICY_VIOLATION)
         finally:
+            ending = [*tasks, *([self._file_task] if self._file_task is not None else [])]
+            for task in ending:  # first, or one would watch for a browser that has left
+                task.cancel()
             self._app_state.notifier.unsubscribe(self._event)
             self._app_state.dispatcher.leave(self.name)
             if self._audit is not None:
                 self._audit.close()
-            for task in [*tasks, *([self._file_task] if self._file_task is not None else [])]:
-                task.cancel()
+            for task in ending:
                 with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, TimeoutError, EALError):
                     await task
 
@@ -217,14 +222,25 @@ class BrowserSession:
             message = messages.parse_message(text)
             if (refused := self._refusal(message)) is not None:
                 self._refuse(message, refused)
+            elif isinstance(message, messages.Watch | messages.WatchValues):
+                self._chosen[type(message)] = message
+                self._event.set()
             elif self._app_state.dispatcher.may_block(message):
                 self._execute_in_thread(message)
             else:
                 self._app_state.dispatcher.execute(message, self.name, self._reply_to(message))
-                if isinstance(message, messages.Watch):
-                    self._cameras, self._frame_period_s = message.cameras, 1 / message.rate_hz
-                elif isinstance(message, messages.WatchValues):
-                    self._values_of = message.robot
+
+    def _watch_chosen(self) -> None:
+        """Watch what the page chose last. A page that changes its choice too often waits; it does not lose the last."""
+        for kind in list(self._chosen):
+            if not self._commands.take(REAL_TIME.now()):
+                return
+            message = self._chosen.pop(kind)
+            self._app_state.dispatcher.execute(message, self.name, self._reply_to(message))
+            if isinstance(message, messages.Watch):
+                self._cameras, self._frame_period_s = message.cameras, 1 / message.rate_hz
+            else:
+                self._values_of = message.robot
 
     def _refusal(self, message: object) -> EALError | None:
         if isinstance(message, messages.Hello):
@@ -232,9 +248,7 @@ class BrowserSession:
         denied = self._visitor.refusal(messages.needed_role(message)) if self._visitor is not None else "sign in first"
         if denied is not None:
             return AccessDeniedError(denied)
-        # These are limited by the number of messages alone.
-        is_free = isinstance(message, messages.StopAll | messages.DriveRobot | messages.ReleaseRobot)
-        if not is_free and not self._commands.take(REAL_TIME.now()):
+        if not isinstance(message, _FREE) and not self._commands.take(REAL_TIME.now()):
             return BusyError("too many commands; wait a moment")
         return None
 
@@ -272,6 +286,7 @@ class BrowserSession:
     async def _send_updates(self) -> None:
         reader = StateReader(self._app_state.store)
         while True:
+            self._watch_chosen()
             update = reader.take()
             values = update.pop("values", {})
             if self._values_of in values:  # only this browser's robot: others look at other ones

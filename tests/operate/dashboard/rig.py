@@ -14,6 +14,7 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin
 
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.operate.dashboard import Access, Dashboard
 from tests.plugin_files import write_plugin
 
@@ -113,14 +114,23 @@ class Page:
         self.drive_errors: list[dict[str, Any]] = []
         self.say(do="hello", token=token)
         self.hello: dict[str, Any] = json.loads(socket.recv(WAIT_S))["hello"]
+        self._began_s = REAL_TIME.now()
 
     def say(self, **message: Any) -> None:
         self.socket.send(json.dumps(message))
 
+    def drive(self, **message: Any) -> None:
+        """Send the message of a held key."""
+        self.say(do="drive", heard_s=self.heard_s(), **message)
+
+    def heard_s(self) -> float:
+        """Return the fleet's time, as a page knows it that reads all updates at once."""
+        return float(self.hello["now_s"] + (REAL_TIME.now() - self._began_s) * self.hello["rate"])
+
     def ask(self, **message: Any) -> dict[str, Any]:
         """Send a request, and return the answer."""
         self._number += 1
-        self.say(**message, id=self._number)
+        self.say(**{"heard_s": self.heard_s(), **message}, id=self._number)
         self.hear_until(lambda: self._number in self.answers)
         return self.answers[self._number]
 

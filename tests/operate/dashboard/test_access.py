@@ -176,7 +176,7 @@ def test_without_the_token_one_may_only_watch(dashboard: Dashboard, token: str) 
         for command in commands:
             answer = page.ask(**command)
             assert (answer["ok"], answer["code"]) == (False, "access_denied"), command
-        page.say(do="drive", robot="one", press=1, speed_m_s=0.1, turn_rad_s=0.0)
+        page.drive(robot="one", press=1, speed_m_s=0.1, turn_rad_s=0.0)
         page.hear_until(lambda: None in page.answers)
         assert page.answers[None]["code"] == "access_denied"
         assert page.robots["one"]["stopped"] is None

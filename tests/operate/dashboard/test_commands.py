@@ -6,6 +6,7 @@ import json
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -13,6 +14,7 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import EALError, ResourceBusyError, StaleCommandError, UnsupportedError
 from eal_actors.operate.dashboard import Dashboard
 from eal_actors.operate.dashboard.control import ControlRegistry
+from eal_actors.operate.dashboard.dispatcher import HEARD_S
 from eal_actors.operate.dashboard.teleop import SILENCE_S, Teleop, Twist
 from tests.manual_clock import ManualClock
 from tests.operate.dashboard.rig import WAIT_S, open_dashboard, page_of, resource_of, wait_for
@@ -89,7 +91,7 @@ def test_stop_ends_running_commands_and_latches(dashboard: Dashboard, fleet: Fle
     hold = {"do": "call", "resource": "Base", "method": "send_cmd", "text": "hold"}
     with page_of(dashboard) as page, page_of(dashboard) as other:
         for number, robot in enumerate(fleet):
-            page.say(**hold, robot=robot, id=500 + number)
+            page.say(**hold, robot=robot, id=500 + number, heard_s=page.heard_s())
         page.hear_until(lambda: all(page.robots.get(robot, {}).get("running") for robot in fleet))
         running = page.robots["one"]["running"][0]
         assert (running["resource"], running["command"], running["by"]) == ("Base", "hold", None)
@@ -103,6 +105,31 @@ def test_stop_ends_running_commands_and_latches(dashboard: Dashboard, fleet: Fle
         assert page.ask(**hold, robot="one")["code"] == "stopped"
         assert page.ask(do="resume")["ok"] is True
         assert page.ask(do="call", robot="one", resource="Base", method="send_cmd", text="turn5")["ok"] is True
+
+
+def test_a_command_that_was_held_up_is_not_executed(dashboard: Dashboard, fleet: Fleet) -> None:
+    """As after a sleep of the dashboard's computer: the page's commands waited in the connection meanwhile."""
+    base = {"do": "call", "robot": "one", "resource": "Base", "method": "send_cmd"}
+    with page_of(dashboard) as page:
+        assert page.ask(**base, text="turn45")["ok"] is True
+        old_s = page.heard_s() - HEARD_S - 0.1
+        late: tuple[dict[str, Any], ...] = (
+            {**base, "text": "turn45"},
+            {"do": "command", "robots": ["one"], "resource": "Base", "text": "turn45"},
+            {"do": "start", "file": "wait.yaml"},
+            {"do": "resume"},
+            {"do": "control", "what": "resume"},
+        )
+        for message in late:
+            for heard_s in (old_s, None):
+                assert page.ask(**message, heard_s=heard_s)["code"] == "stale_command", message
+        page.say(do="drive", robot="one", press=1, speed_m_s=0.2, turn_rad_s=0.0, heard_s=old_s)
+        page.hear_until(lambda: bool(page.drive_errors))
+        assert (page.drive_errors[0]["code"], page.drive_errors[0]["press"]) == ("stale_command", 1)
+        assert resource_of(fleet, "one", "Base").twists == 0
+        halt = {"do": "command", "robots": ["one"], "resource": "", "text": "halt"}
+        for message in ({"do": "stop"}, {**base, "method": "halt"}, halt):
+            assert page.ask(**message, heard_s=old_s)["ok"] is True
 
 
 def test_only_scenarios_of_the_folder_are_listed_and_started(dashboard: Dashboard) -> None:
@@ -179,23 +206,23 @@ def test_a_run_that_is_done_counts_the_calls_it_made(dashboard: Dashboard, tmp_p
 def test_a_robot_moves_while_drive_messages_come(dashboard: Dashboard, fleet: Fleet) -> None:
     base = resource_of(fleet, "one", "Base")
     with page_of(dashboard) as page, page_of(dashboard) as other:
-        page.say(do="drive", robot="one", press=1, speed_m_s=0.2, turn_rad_s=0.1)
+        page.drive(robot="one", press=1, speed_m_s=0.2, turn_rad_s=0.1)
         assert page.ask(do="call", robot="one", resource="Base", method="get_status")["ok"] in (True, False)
         assert base.twists >= 1
         page.hear_until(lambda: bool(page.drive_errors))  # no more drive messages
         assert "no drive message" in page.drive_errors[0]["error"]
-        page.say(do="drive", robot="one", press=1, speed_m_s=0.2, turn_rad_s=0.1)
+        page.drive(robot="one", press=1, speed_m_s=0.2, turn_rad_s=0.1)
         page.hear_until(lambda: len(page.drive_errors) == 2)
         assert (page.drive_errors[1]["code"], page.drive_errors[1]["press"]) == ("stale_command", 1)
         wait_for(base, lambda: base.twist == [0.0, 0.0])
-        other.say(do="drive", robot="one", press=1, speed_m_s=0.2, turn_rad_s=0.0)
+        other.drive(robot="one", press=1, speed_m_s=0.2, turn_rad_s=0.0)
         other.hear_until(lambda: bool(other.drive_errors))
 
 
 def test_a_browser_that_disconnects_halts_its_robot(dashboard: Dashboard, fleet: Fleet) -> None:
     base = resource_of(fleet, "one", "Base")
     with page_of(dashboard) as page:
-        page.say(do="drive", robot="one", press=1, speed_m_s=0.2, turn_rad_s=0.1)
+        page.drive(robot="one", press=1, speed_m_s=0.2, turn_rad_s=0.1)
         page.ask(do="call", robot="one", resource="Base", method="get_status")
     wait_for(base, lambda: base.halts >= 1 and base.twist == [0.0, 0.0])
 

@@ -67,7 +67,9 @@ def test_others_may_command_a_resource_a_moment_after_the_page(tmp_path: Path) -
 def test_a_resource_with_a_running_command_is_not_released(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("eal_actors.operate.dashboard.control.IDLE_S", 0.0)
     with served(tmp_path) as (fleet, other), open_dashboard(fleet) as dashboard, page_of(dashboard) as page:
-        page.say(do="call", id=900, robot="r1", resource="Arm", method="send_cmd", text="move30")
+        page.say(
+            do="call", id=900, heard_s=page.heard_s(), robot="r1", resource="Arm", method="send_cmd", text="move30"
+        )
         page.hear_until(lambda: bool(page.robots.get("r1", {}).get("running")))
         pings = [fleet["r1"].ping().get() for _ in range(3)]
         assert all(ping.holder_ids == {"Arm": fleet["r1"].controller_id} for ping in pings)

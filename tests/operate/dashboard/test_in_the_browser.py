@@ -235,6 +235,9 @@ def test_two_browsers_see_one_fleet_and_either_may_resume(
         expect(second.locator("#confirm")).to_be_hidden()
         assert fleet["one"].stopped_because
         second.get_by_role("button", name="Resume …").click()
+        second.locator("#stop").click()  # the question is not in its way
+        expect(second.locator("#confirm")).to_be_hidden()
+        second.get_by_role("button", name="Resume …").click()
         second.get_by_role("button", name="Resume", exact=True).click()
         expect(first.locator("#stopped")).to_be_hidden()
         assert fleet["one"].stopped_because is None
@@ -269,6 +272,7 @@ def test_a_page_without_a_server_is_dimmed_and_says_when_it_was_seen(open_page: 
         process.send_signal(signal.SIGSTOP)  # its connection stays open
         expect(page.locator("#outdated")).to_contain_text(re.compile(r"last seen at \d\d:\d\d:\d\d"))
         expect(page.locator("body")).to_have_class("outdated")
+        expect(page.locator("#connection")).to_have_text("▲ no answer")
         page.keyboard.press("Escape")
         expect(page.locator("#notices")).to_contain_text("STOP NOT CONFIRMED: no answer yet")
         process.send_signal(signal.SIGCONT)

@@ -157,7 +157,7 @@ def test_the_audit_log_has_every_command(dashboard: Dashboard, tmp_path: Path, e
         for _, command in COMMANDS.values():
             page.ask(**command)
         for _ in range(3):
-            page.say(do="drive", robot="one", press=7, speed_m_s=0.1, turn_rad_s=0.0)
+            page.drive(robot="one", press=7, speed_m_s=0.1, turn_rad_s=0.0)
         page.say(do="release", robot="one")
         page.ask(do="describe", robot="one")  # which is no command
     refused(dashboard, "a.run.wrong")

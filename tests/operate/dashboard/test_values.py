@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 
 from eal_actors.facade.fleet import Fleet
+from eal_actors.operate.dashboard import Dashboard
+from eal_actors.operate.dashboard.limits import COMMANDS_AT_ONCE
 from tests.operate.dashboard.rig import Page, open_dashboard, page_of, resource_of
 from tests.plugin_files import write_plugin
 
@@ -141,3 +143,55 @@ def test_a_robot_that_is_not_there_is_named(sensing: Fleet) -> None:
         page.say(do="watch_values", robot="nobody")
         page.hear_until(lambda: None in page.answers)
         assert page.answers[None]["error"] == "there is no robot 'nobody'"
+
+
+def test_the_last_choice_of_a_hasty_page_counts(dashboard: Dashboard) -> None:
+    """Somebody flicks through the robots: the choice that remains is not lost to the limit of commands."""
+    with page_of(dashboard) as page:
+        for number in range(2 * int(COMMANDS_AT_ONCE) + 1):
+            page.say(do="watch_values", robot="one" if number % 2 else "two")
+        page.hear_until(lambda: "two" in page.values)
+        assert not page.answers
+
+
+MUTE_PLUGIN = """\
+import threading
+
+from eal_actors.plugin import DataType, EALPlugin, Resource, ResourceType, ValueInfo
+
+
+class Pose(Resource):
+    types = ResourceType.SENSOR
+    value = ValueInfo(DataType.DOUBLE, shape=(3,))
+    reading = [1.0, 2.0, 0.0]
+
+    def __init__(self):
+        self.released = threading.Event()
+        self.released.set()
+
+    def get_value(self):
+        self.released.wait(60)
+        return self.reading
+
+
+class Battery(Pose):
+    value = ValueInfo(DataType.DOUBLE)
+    reading = 0.5
+"""
+
+
+def test_a_pose_and_a_charge_that_are_no_longer_known_are_not_shown_as_new(tmp_path: Path) -> None:
+    write_plugin(tmp_path, "mute", MUTE_PLUGIN, "Pose", "Battery")
+    file = tmp_path / "fleet.yaml"
+    file.write_text("version: 1\nplugin_dirs: [plugins]\nrobots: {one: {plugins: {mute: {}}}}\n")
+    with Fleet.load(file).connect() as mute, open_dashboard(mute) as dashboard, page_of(dashboard) as page:
+        page.hear_until(lambda: "one" in page.poses and page.robots["one"]["battery"] == 0.5)
+        assert page.robots["one"]["pose_seen"] is None
+        asked = [resource_of(mute, "one", name).released for name in ("Pose", "Battery")]
+        for released in asked:
+            released.clear()
+        page.hear_until(lambda: bool(page.robots["one"]["pose_seen"]) and page.robots["one"]["battery"] is None)
+        assert page.robots["one"]["state"] == "ready"
+        for released in asked:
+            released.set()
+        page.hear_until(lambda: page.robots["one"]["pose_seen"] is None and page.robots["one"]["battery"] == 0.5)

@@ -56,6 +56,13 @@ function addRobot(alerts, name, robot) {
   if (tone !== "good" && !(robot.stopped && robot.is_stop_confirmed)) {
     alerts.add(name, { tone, shape, text: [word, ...reasonsNotReady(robot), ...robot.problems].join(" · ") });
   }
+  if (tone === "good" && robot.pose_seen) {
+    alerts.add(name, {
+      tone: "warn",
+      shape: "▲",
+      text: `has reported no pose since ${clockTime(new Date(robot.pose_seen))}`,
+    });
+  }
   if (robot.battery !== null && robot.battery < LOW_BATTERY) {
     alerts.add(name, { tone: "warn", shape: "▽", text: `battery ${Math.round(robot.battery * 100)} %` });
   }

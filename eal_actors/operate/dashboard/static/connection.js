@@ -158,7 +158,7 @@ export function request(name, fields) {
   const id = ++lastId;
   return new Promise((resolve) => {
     pending.set(id, (answer) => resolve(/** @type {AnswerTo<Name>} */ (answer)));
-    if (!transmit({ do: name, ...fields, id })) {
+    if (!transmit({ do: name, ...fields, id, heard_s: store.heard_s })) {
       pending.delete(id);
       resolve({ ok: false, error: "there is no connection to the dashboard" });
     }

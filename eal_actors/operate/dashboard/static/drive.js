@@ -198,6 +198,7 @@ export class DrivePanel {
       press: this.pressNumber,
       speed_m_s: this.axis("ahead", "back", this.stick?.ahead) * this.speed.value(),
       turn_rad_s: this.axis("left", "right", this.stick?.left) * this.turn.value(),
+      heard_s: store.heard_s,
     });
     if (!isSent) this.fail("there is no connection");
   }

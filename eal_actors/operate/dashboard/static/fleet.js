@@ -12,6 +12,7 @@ import {
   LOW_BATTERY,
   matches,
   reasonsNotReady,
+  restText,
   stateOf,
   store,
 } from "./store.js";
@@ -237,9 +238,11 @@ class Row {
     setText(roundTrip, roundTripText(robot));
     roundTrip.className = "number";
     const lines = activities.map(({ fraction, line }) => el("div", {}, meterOf(fraction), `▶ ${line}`));
-    if (!lines.length) lines.push(el("div", { class: "faint" }, robot?.can_drive && "idle"));
+    if (!lines.length) lines.push(el("div", { class: "faint" }, robot?.can_drive && restText(robot)));
     activity.replaceChildren(...lines, el("div", { class: "small faint" }, calls));
-    control.replaceChildren(controllers || el("span", { class: "faint" }, "nobody"));
+    control.replaceChildren(
+      controllers || el("span", { class: "faint" }, robot?.state === "ready" ? "nobody" : "unknown"),
+    );
     setText(error, robot?.last_error ?? "");
     error.classList.toggle("empty", !robot?.last_error);
   }

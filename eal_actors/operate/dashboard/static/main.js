@@ -83,13 +83,6 @@ store.onChange = (changed) => {
 // The connection.
 
 connection.onState = () => {
-  const chip = byId("connection");
-  chip.className = `chip ${connection.isOpen ? "good" : "bad"}`;
-  const reason = connection.closeReason ? `: ${connection.closeReason}` : "";
-  setText(
-    chip,
-    connection.isOpen ? "● connected" : `▲ no connection${reason}${connection.isRetrying ? "; reconnecting" : ""}`,
-  );
   if (!connection.isOpen) showDriveError({ error: "the connection was lost" });
   showAge();
   setText(byId("fleet-name"), store.hello?.fleet ?? "eal");
@@ -130,6 +123,16 @@ setInterval(() => {
   document.body.dataset.rate = store.updatesPerSecond().toFixed(1);
 }, 500);
 
+/** @param {boolean} isOutdated */
+function showConnection(isOutdated) {
+  const chip = byId("connection");
+  const isGood = connection.isOpen && !isOutdated;
+  chip.className = `chip ${isGood ? "good" : "bad"}`;
+  const reason = connection.closeReason ? `: ${connection.closeReason}` : "";
+  const lost = `▲ no connection${reason}${connection.isRetrying ? "; reconnecting" : ""}`;
+  setText(chip, isGood ? "● connected" : connection.isOpen ? "▲ no answer" : lost);
+}
+
 // The server sends something every second. A page without it shows the past, and says so.
 function showAge() {
   const heardAt = connection.heardAt;
@@ -137,6 +140,7 @@ function showAge() {
   const isOutdated = heardAt !== null && (age_s > OUTDATED_S || !connection.isOpen);
   byId("outdated").hidden = !isOutdated;
   document.body.classList.toggle("outdated", isOutdated);
+  showConnection(isOutdated);
   if (!isOutdated) return;
   setText(byId("outdated-why"), `The dashboard was last seen at ${clockTime(heardAt)}. Robots may have moved since.`);
 }
@@ -203,27 +207,27 @@ async function resume() {
   if (!answer.ok) notify(`Not resumed: ${describeFailure(answer)}`, true);
 }
 
-function stopByKey() {
+function stopAtOnce() {
   dialog.close();
   stop();
 }
 
-byId("stop").onclick = stop;
+byId("stop").onclick = stopAtOnce;
 window.addEventListener(
   "keydown",
   (event) => {
     if (event.key !== "Escape" || event.repeat) return;
     event.preventDefault();
-    stopByKey();
+    stopAtOnce();
   },
   { capture: true },
 );
 // Keys that are pressed inside the replay of a run do not reach this page: its player passes Escape on.
 window.addEventListener("message", (event) => {
   const isOurs = [...document.querySelectorAll("iframe")].some((frame) => frame.contentWindow === event.source);
-  if (isOurs && event.data === "Escape") stopByKey();
+  if (isOurs && event.data === "Escape") stopAtOnce();
 });
-byId("resume").onclick = () => dialog.showModal();
+byId("resume").onclick = () => dialog.show(); // not modal: STOP must work beside it
 byId("confirm-no").onclick = () => dialog.close();
 byId("confirm-yes").onclick = resume;
 

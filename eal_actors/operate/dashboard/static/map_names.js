@@ -1,6 +1,6 @@
 // The names of robots on a map, each beside its robot and none across another.
 
-import { colour, FONT } from "./dom.js";
+import { clockTime, colour, FONT } from "./dom.js";
 import { ARROW_PX, hullPx } from "./map_robots.js";
 import { stateOf, store } from "./store.js";
 
@@ -31,7 +31,9 @@ export function drawNames(context, { scale, toScreen }, poses) {
     if (!pose) continue;
     const [x, y] = toScreen(pose.at[0], pose.at[1]);
     const [shape, word] = stateOf(store.robots[name]);
-    const label = word === "ready" ? name : `${name} ${shape} ${word}`;
+    const seen = store.robots[name]?.pose_seen;
+    const state = seen && word === "ready" ? `▲ pose of ${clockTime(new Date(seen))}` : `${shape} ${word}`;
+    const label = word === "ready" && !seen ? name : `${name} ${state}`;
     const half = context.measureText(label).width / 2 + PADDING_PX;
     const away = Math.max(ARROW_PX, hullPx(scale, store.robots[name])) + GAP_PX + HEIGHT_PX / 2;
     const middle = [y - away, y + away].find((at) => {

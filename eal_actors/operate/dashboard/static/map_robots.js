@@ -28,7 +28,7 @@ export function hullPx(scale, robot) {
 }
 
 /**
- * Draw a robot as large as it is. One that may not move is hollow, with the colour of its state.
+ * Draw a robot as large as it is. One that may not move, or whose pose is old, is hollow and red.
  *
  * @param {Context} context
  * @param {Frame} frame
@@ -38,7 +38,7 @@ export function hullPx(scale, robot) {
  * @param {boolean} isMarked
  */
 export function drawRobot(context, { scale, toScreen }, pose, robot, fill, isMarked) {
-  const isReady = robot?.state === "ready" && !robot.stopped;
+  const isReady = robot?.state === "ready" && !robot.stopped && !robot.pose_seen;
   const floor = colour("--floor");
   const radius = hullPx(scale, robot);
   const size = radius > LEAST_HULL_PX ? radius * 0.62 : Math.max(6, Math.min(ARROW_PX, scale * 0.35));

@@ -7,7 +7,7 @@ import { mostCameras, watch } from "./frames.js";
 import { stateIcon } from "./icons.js";
 import { FleetMap } from "./map.js";
 import { robotColour } from "./map_robots.js";
-import { activitiesOf, activityText, isActive, LOW_BATTERY, matches, stateOf, store } from "./store.js";
+import { activitiesOf, activityText, isActive, LOW_BATTERY, matches, restText, stateOf, store } from "./store.js";
 
 /** @import { Robot, View } from "./types" */
 
@@ -145,7 +145,7 @@ class RobotList {
       el(
         "span",
         { class: "small faint doing" },
-        activities.length ? `▶ ${activities.join("; ")}` : robot?.can_drive && "idle",
+        activities.length ? `▶ ${activities.join("; ")}` : robot?.can_drive && restText(robot),
       ),
       el("span", { class: "small charge" }, ...chargeOf(robot)),
     );

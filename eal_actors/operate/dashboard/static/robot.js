@@ -3,11 +3,11 @@
 import { Tile } from "./cameras.js";
 import { commandsPanel, readingsPanel, settingsPanel } from "./commands.js";
 import { request } from "./connection.js";
-import { el, fixed, setText } from "./dom.js";
+import { clockTime, el, fixed, setText } from "./dom.js";
 import { DrivePanel } from "./drive.js";
 import { watch as watchCameras } from "./frames.js";
 import { stateIcon } from "./icons.js";
-import { activitiesOf, activityText, controlText, reasonsNotReady, stateOf, store } from "./store.js";
+import { activitiesOf, activityText, controlText, reasonsNotReady, restText, stateOf, store } from "./store.js";
 import { ValuesPanel } from "./values.js";
 
 /** @import { Pose, Robot, View } from "./types" */
@@ -138,17 +138,25 @@ function factsOf(robot, pose) {
   const activities = activitiesOf(robot).map(activityText);
   return [
     ["Type", [robot.type, ...robot.tags].filter(Boolean).join(" · ")],
-    ["Activity", activities.length ? `▶ ${activities.join("; ")}` : "idle"],
-    ["Controlled by", controlText(robot) || "nobody"],
-    ["Position", pose ? poseText(pose) : "unknown"],
+    ["Activity", activities.length ? `▶ ${activities.join("; ")}` : restText(robot)],
+    ["Controlled by", controlText(robot) || (robot.state === "ready" ? "nobody" : "unknown")],
+    ["Position", pose ? poseText(pose, robot.pose_seen ?? robot.last_seen) : "unknown"],
     ["Battery", robot.battery === null ? "" : `${Math.round(robot.battery * 100)} %`],
-    ["Link", robot.is_remote ? `${robot.round_trip_ms ?? "–"} ms` : "in this process"],
+    ["Link", linkText(robot)],
   ];
 }
 
-/** @param {Pose} pose */
-function poseText({ at: [x, y, yaw], by }) {
-  return `${fixed(x, 2)}, ${fixed(y, 2)} m, ${fixed((yaw * 180) / Math.PI, 0)}° by ${by}`;
+/** @param {Robot} robot */
+function linkText({ is_remote, round_trip_ms, last_seen }) {
+  if (!is_remote) return "in this process";
+  if (round_trip_ms !== null) return `${round_trip_ms} ms`;
+  return last_seen ? `▲ last seen ${clockTime(new Date(last_seen))}` : "▲ no answer";
+}
+
+/** @param {Pose} pose @param {string | null} seen - when it was measured, if that was long ago. */
+function poseText({ at: [x, y, yaw], by }, seen) {
+  const old = seen ? `, ▲ of ${clockTime(new Date(seen))}` : "";
+  return `${fixed(x, 2)}, ${fixed(y, 2)} m, ${fixed((yaw * 180) / Math.PI, 0)}° by ${by}${old}`;
 }
 
 /** @param {Robot} robot */

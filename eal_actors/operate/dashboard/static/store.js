@@ -41,7 +41,8 @@ class Store {
   /** @type {number[]} When the last updates came. */
   #updates = [];
   #updatedAt = 0;
-  #now_s = 0;
+  /** The time of the newest update, by the fleet's clock. */
+  heard_s = 0;
 
   /**
    * Start anew with the first message of a connection.
@@ -50,6 +51,8 @@ class Store {
    */
   reset(hello) {
     this.hello = hello;
+    this.heard_s = hello.now_s;
+    this.#updatedAt = performance.now();
     this.robots = {};
     this.poses = {};
     this.values = {};
@@ -116,7 +119,7 @@ class Store {
 
   /** @param {number} now_s */
   #countUpdate(now_s) {
-    this.#now_s = now_s;
+    this.heard_s = now_s;
     this.#updatedAt = performance.now();
     this.#updates = this.#updates.filter((time) => time >= this.#updatedAt - RATE_WINDOW_MS);
     this.#updates.push(this.#updatedAt);
@@ -142,7 +145,7 @@ class Store {
 
   /** Return the time of the fleet's clock, in seconds. */
   fleetNow() {
-    return this.#now_s + ((performance.now() - this.#updatedAt) / 1000) * (this.hello?.rate ?? 1);
+    return this.heard_s + ((performance.now() - this.#updatedAt) / 1000) * (this.hello?.rate ?? 1);
   }
 
   /** Return whether the fleet's clock goes as fast as real time. */
@@ -265,6 +268,11 @@ export function stateOf(robot) {
   if (robot.state === "ready" && waiting)
     return ["◐", waiting < robot.resources.length ? "partly ready" : "not ready", "warn"];
   return STATES[robot.state] ?? ["?", robot.state, "warn"];
+}
+
+/** Return what is known of a robot without a command: a lost one may be moving. @param {Robot | undefined} robot */
+export function restText(robot) {
+  return robot?.state === "ready" ? "idle" : "unknown";
 }
 
 /** Return why resources are not ready; those with the same reason together. @param {Robot} robot */

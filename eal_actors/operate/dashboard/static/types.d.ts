@@ -18,6 +18,8 @@ export interface Hello {
   trails: Record<string, Point[]>;
   /** Seconds of the fleet's clock in one real second. */
   rate: number;
+  /** The time of the fleet's clock. */
+  now_s: number;
   silence_s: number;
   max_cameras: number;
   max_frames_per_s: number;
@@ -92,6 +94,8 @@ export interface Robot {
   is_stop_confirmed: boolean;
   /** When a lost robot last answered, in ISO 8601. */
   last_seen: string | null;
+  /** When its pose was measured, in ISO 8601, if that was long ago. */
+  pose_seen: string | null;
   /** Reasons by resource. */
   not_ready: Record<string, string>;
   problems: string[];
@@ -278,7 +282,7 @@ export interface Parameter {
 export type Value = string | number | boolean;
 export type Argument = Value | number[] | number[][] | null;
 
-/** Requests, by the word in `do`; each is answered. */
+/** Requests, by the word in `do`; each is answered. `heard_s`, the time of the newest update, is added. */
 export interface Requests {
   describe: { robot: string };
   scenarios: object;
@@ -329,7 +333,7 @@ export type Answer = AnswerTo<RequestName>;
 export type Message =
   | { do: "watch"; cameras: [string, string][]; rate_hz?: number }
   | { do: "watch_values"; robot: string | null }
-  | { do: "drive"; robot: string; press: number; speed_m_s: number; turn_rad_s: number }
+  | { do: "drive"; robot: string; press: number; speed_m_s: number; turn_rad_s: number; heard_s: number }
   | { do: "release"; robot: string };
 
 // The page.
