@@ -26,19 +26,19 @@ TRAJECTORY: Final = "trajectory.csv"
 def new_run_folder(runs_dir: Path, scenario: str) -> Path:
     """Make a new folder named after the scenario and the time; raise ConfigError if it cannot be made."""
     name = f"{scenario}-{wall_time():%Y%m%dT%H%M%SZ}"
-    directory, number = runs_dir / name, 1
-    try:
-        runs_dir.mkdir(parents=True, exist_ok=True)
-        while True:
-            try:
-                directory.mkdir()
-            except FileExistsError:
-                number += 1
-                directory = runs_dir / f"{name}-{number}"
-            else:
-                return directory
-    except OSError as error:
-        raise file_error(error.filename or directory, f"cannot be made: {error.strerror}") from error
+    number = 1
+    while True:
+        directory = runs_dir / (name if number == 1 else f"{name}-{number}")
+        try:
+            directory.mkdir(parents=True)
+        except OSError as error:
+            if not (
+                isinstance(error, FileExistsError) and directory.exists()
+            ):  # not a parent that is a link to nothing
+                raise file_error(error.filename or directory, f"cannot be made: {error.strerror}") from error
+            number += 1
+        else:
+            return directory
 
 
 @contextmanager
