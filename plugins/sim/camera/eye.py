@@ -40,6 +40,11 @@ class PinholeLens:
         """Column and row of the axis; the centre of the first pixel is 0, 0."""
         return (self.width - 1) / 2, (self.height - 1) / 2
 
+    @cached_property
+    def rows_below(self) -> NDArray[np.float32]:
+        """How far each row of the image is below its centre, (height, 1)."""
+        return np.arange(self.height, dtype=np.float32)[:, np.newaxis] - np.float32(self.centre_px[1])
+
     @property
     def matrix(self) -> NDArray[np.float64]:
         """The camera matrix, (3, 3): x right, y down, z forward to pixels."""
@@ -85,12 +90,12 @@ class Eye:
         return self.lens.centre_px
 
     @cached_property
-    def slopes(self) -> NDArray[np.float64]:
+    def slopes(self) -> Floats:
         """The offset to the right of each column per metre ahead, (width,)."""
         return (self.columns - self.centre_px[0]) / self.focal_px
 
     @property
-    def columns(self) -> NDArray[np.float64]:
+    def columns(self) -> NDArray[np.float32]:
         """The numbers of the columns, (width,)."""
         return _numbers(self.lens.width)
 
@@ -113,5 +118,5 @@ class Eye:
 
 
 @lru_cache(maxsize=8)
-def _numbers(count: int) -> NDArray[np.float64]:
-    return np.arange(float(count))
+def _numbers(count: int) -> NDArray[np.float32]:
+    return np.arange(count, dtype=np.float32)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import lru_cache, partial
+from itertools import pairwise
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .eye import NEAR_M, Eye, Floats, PinholeLens
+from .eye import NEAR_M, Eye, Floats
 from .layers import Layer, Rect
 from .solids import Block, Face, Plane, Point
 from .texture import PAD, Image, Mipmap, halvings
@@ -19,8 +20,9 @@ _Line = tuple[float, float, float]
 _Matrix = tuple[_Line, _Line, _Line]
 _WARP = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
 _WHITE = (255, 255, 255, 255)
-_STRIP_PX = 16  # OpenCV is slow at narrower strips and other multiples
-_COPIED_PX = 4000
+_STRIP_PX = 32  # OpenCV is slow at narrower strips and other multiples
+_COPIED_PX = 1500
+_COPIED_BYTES = 1 << 16  # of the texture: smaller ones stay in the processor's cache
 _MOST_COPIED = 5
 """A part of the image of at least so many pixels is warped from a copy of the samples that it shows, if these are at
 most so many times as many. A copy reads the texture in order, so the processor fetches it ahead; a warp reads it across
@@ -41,12 +43,11 @@ def face_layers(eye: Eye, faces: Sequence[Face], *, closed: bool = False) -> lis
         closed: whether nothing is to shine through the outer ends either.
     """
     seen = [layer for face in faces if (layer := _face_layer(eye, face))]
-    seen.sort(key=lambda layer: (layer.first - layer.left_share, layer.columns.stop))
-    for layer in seen if closed else seen[:-1]:
-        layer.right_share = 1.0  # the next one is painted over it
-    if closed:
-        for layer in seen[:1]:
-            layer.left_share = 1.0
+    seen.sort(key=lambda layer: (layer.first - layer.left_share, layer.first + len(layer.tops)))
+    for number in range(len(seen) if closed else len(seen) - 1):
+        seen[number] = seen[number]._replace(right_share=1.0)  # the next one is painted over it
+    if closed and seen:
+        seen[0] = seen[0]._replace(left_share=1.0)
     return seen
 
 
@@ -65,17 +66,21 @@ def _face_layer(eye: Eye, face: Face) -> Layer | None:
     first, last = math.floor(max(left, 0.0) + 0.5), math.floor(min(right, end - 0.5) + 0.5)
     step = _across(eye.right, normal) / eye.focal_px / -distance_m
     start = _across(eye.ahead, normal) / -distance_m - eye.centre_px[0] * step
-    nearness = start + step * eye.columns[first : last + 1]
     least, most = sorted((1 / ends[0][1], 1 / ends[1][1]))
-    nearness[0] = min(max(start + step * first, least), most)
-    nearness[-1] = min(max(start + step * last, least), most)
+    outer = [min(max(start + step * column, least), most) for column in (first, last)]
+    nearness = eye.columns[first : last + 1] * step + start
+    nearness[0], nearness[-1] = outer
+    lifts_px = [eye.focal_px * (height_m - eye.z_m) for height_m in (face.top_m, face.bottom_m)]
+    tops, bottoms = eye.centre_px[1] - np.multiply.outer(np.array(lifts_px, np.float32), nearness)
+    rows = [sorted(eye.centre_px[1] - lift_px * inverse for inverse in outer) for lift_px in lifts_px]
     return Layer(
         first,
-        eye.rows(face.top_m, nearness),
-        eye.rows(face.bottom_m, nearness),
-        partial(_fill_face, eye, face, distance_m, nearness),
-        left_share=1.0 if face.continues[0] or left < -0.5 else first + 0.5 - left,
-        right_share=1.0 if face.continues[1] or right > end else min(1.0, right - max(last - 0.5, left)),
+        tops,
+        bottoms,
+        (rows[0][0], rows[0][1], rows[1][0], rows[1][1]),
+        partial(_fill_face, eye, face, distance_m, outer, step),
+        1.0 if face.continues[0] or left < -0.5 else first + 0.5 - left,
+        1.0 if face.continues[1] or right > end else min(1.0, right - max(last - 0.5, left)),
     )
 
 
@@ -95,27 +100,27 @@ def _clip(left: Point, right: Point) -> tuple[Point, Point] | None:
     return left, right
 
 
-def _fill_face(eye: Eye, face: Face, distance_m: float, nearness: Floats, rect: Rect, target: Image) -> None:
-    texture, per_px = face.texture, 1 / eye.focal_px
+def _fill_face(
+    eye: Eye, face: Face, distance_m: float, outer: Sequence[float], step: float, rect: Rect, target: Image
+) -> None:
+    """Draw a face, given the inverses of the distances ahead in its outermost columns, and their step."""
+    texture, width = face.texture, target.shape[1]
+    per_square_m, per_m = texture.per_m[0] / eye.focal_px / distance_m, texture.per_m[1] / eye.focal_px
 
-    def levels(ahead_m: float) -> tuple[int, int]:
-        along = texture.level(ahead_m**2 / distance_m * per_px * texture.per_m[0], 0)
-        return along, texture.level(ahead_m * per_px * texture.per_m[1], 1)
+    def levels(nearness: float) -> tuple[int, int]:
+        return texture.level(per_square_m / nearness**2, 0), texture.level(per_m / nearness, 1)
 
     matrix = face_homography(eye, face, distance_m)
-    everywhere = levels(1 / float(nearness[0]))
-    if everywhere == levels(1 / float(nearness[-1])):
-        _warp(texture, everywhere, matrix, rect, target)
-    else:
-        ahead_m = 1 / nearness
-        along = texture.levels(ahead_m**2 / distance_m * per_px * texture.per_m[0], 0)
-        across = texture.levels(ahead_m * per_px * texture.per_m[1], 1)
-        for start, end in _runs(along * 64 + across, _STRIP_PX):
-            middle = (start + end) // 2
-            if end == len(along):
-                end = target.shape[1]
-            part = Rect(rect.left + start, rect.left + end, rect.top, rect.bottom)
-            _warp(texture, (int(along[middle]), int(across[middle])), matrix, part, target[:, start:end])
+    first, last = map(levels, outer)
+    cuts: set[int] = set()
+    if first != last:
+        changes = [math.sqrt(per_square_m / texture.most(level)) for level in range(*sorted((first[0], last[0])))]
+        changes += [per_m / texture.most(level) for level in range(*sorted((first[1], last[1])))]
+        cuts.update(round((nearness - outer[0]) / step / _STRIP_PX) * _STRIP_PX for nearness in changes)
+    for start, end in pairwise([0, *sorted(cut for cut in cuts if 0 < cut <= width - _STRIP_PX), width]):
+        middle = min(max(outer[0] + step * ((start + end) // 2), min(outer)), max(outer))
+        part = Rect(rect.left + start, rect.left + end, rect.top, rect.bottom)
+        _warp(texture, levels(middle) if cuts else first, matrix, part, target[:, start:end])
     _dim(target, face.gain)
 
 
@@ -162,7 +167,7 @@ def fill_plane(eye: Eye, plane: Plane, rect: Rect, target: Image) -> None:
     """Draw a level surface into a part of the image, which must be on its side of the horizon."""
     texture = plane.texture
     below_m = max(abs(eye.z_m - plane.height_m), NEAR_M)
-    levels, runs = _levels_of_rows(eye.lens, below_m, min(texture.per_m), min(texture.deepest))
+    levels, runs = _levels_of_rows(eye.lens.height, eye.focal_px, below_m, min(texture.per_m), min(texture.deepest))
     matrix = plane_homography(eye, plane)
     if rect.bottom - rect.top <= _FEW_ROWS:
         level = levels[(rect.top + rect.bottom) // 2]
@@ -178,21 +183,22 @@ def fill_plane(eye: Eye, plane: Plane, rect: Rect, target: Image) -> None:
 
 @lru_cache(maxsize=256)
 def _levels_of_rows(
-    lens: PinholeLens, below_m: float, per_m: float, deepest: int
+    height: int, focal_px: float, below_m: float, per_m: float, deepest: int
 ) -> tuple[list[int], list[tuple[int, int]]]:
     """Return the halvings for a level surface in each row of the image, and the runs of equal ones.
 
     Args:
-        lens: of the camera.
+        height: of the image.
+        focal_px: of the camera.
         below_m: vertical distance of camera and surface.
         per_m: samples per metre.
         deepest: the number of possible halvings.
     """
-    down_px = np.maximum(np.abs(np.arange(lens.height) - lens.centre_px[1]), _HORIZON_PX)
-    ahead_m = lens.focal_px * below_m / down_px
-    counts = ahead_m**1.5 * (per_m / lens.focal_px / math.sqrt(below_m))  # a compromise: pixels are long and narrow
+    down_px = np.maximum(np.abs(np.arange(height) - (height - 1) / 2), _HORIZON_PX)
+    ahead_m = focal_px * below_m / down_px
+    counts = ahead_m**1.5 * (per_m / focal_px / math.sqrt(below_m))  # a compromise: pixels are long and narrow
     levels = halvings(counts, deepest)
-    return levels.tolist(), list(_runs(levels))
+    return levels.tolist(), _runs(levels)
 
 
 def near_plane(eye: Eye, plane: Plane, rect: Rect) -> Image:
@@ -226,11 +232,14 @@ def polygon_layer(eye: Eye, plane: Plane, corners: Sequence[Point]) -> Layer | N
     if left >= right:
         return None
     first, last = math.floor(left + 0.5), min(math.floor(right + 0.5), eye.lens.width - 1)
-    entered_m, left_m = _crossed(np.array(seen), eye.slopes[first : last + 1])
+    entered_m, left_m = _crossed(seen, eye.slopes[first : last + 1])
+    tops = eye.rows(plane.height_m, 1 / np.maximum(left_m, entered_m))
+    bottoms = eye.rows(plane.height_m, 1 / entered_m) + UNDERLAP_PX * (left_m > entered_m)
     return Layer(
         first,
-        eye.rows(plane.height_m, 1 / np.maximum(left_m, entered_m)),
-        eye.rows(plane.height_m, 1 / entered_m) + UNDERLAP_PX * (left_m > entered_m),
+        tops.astype(np.float32),
+        bottoms.astype(np.float32),
+        (float(tops.min()), float(tops.max()), float(bottoms.min()), float(bottoms.max())),
         partial(fill_plane, eye, plane),
         left_share=min(1.0, first + 0.5 - left),
         right_share=min(1.0, right - (last - 0.5)),
@@ -247,18 +256,15 @@ def _in_front(corners: Sequence[Point]) -> list[Point]:
     return kept
 
 
-def _crossed(
-    corners: NDArray[np.float64], slopes: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _crossed(corners: Sequence[Point], slopes: Floats) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the distances ahead at which each column enters and leaves a counter-clockwise polygon of the plan."""
-    edges = np.roll(corners, -1, axis=0) - corners
-    normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1)  # outwards, with x to the right and y ahead
-    offsets = (normals * corners).sum(axis=1)
-    speeds = slopes[:, np.newaxis] * normals[:, 0] + normals[:, 1]
+    x_m, ahead_m = np.array([*corners, corners[0]]).T[..., np.newaxis]
+    out_x, out_ahead = ahead_m[1:] - ahead_m[:-1], x_m[:-1] - x_m[1:]  # normals of the edges, outwards
+    speeds = slopes * out_x + out_ahead
     with np.errstate(divide="ignore", invalid="ignore"):
-        meets_m = offsets / speeds
-    entered = np.where(speeds < 0, meets_m, NEAR_M).max(axis=1)
-    left = np.where(speeds > 0, meets_m, np.inf).min(axis=1)
+        meets_m = (out_x * x_m[:-1] + out_ahead * ahead_m[:-1]) / speeds
+    entered = np.where(speeds < 0, meets_m, NEAR_M).max(axis=0)
+    left = np.where(speeds > 0, meets_m, np.inf).min(axis=0)
     return np.maximum(entered, NEAR_M), np.maximum(left, NEAR_M)
 
 
@@ -267,56 +273,50 @@ def _dim(target: Image, gain: float) -> None:
         cv2.convertScaleAbs(target, dst=target, alpha=gain)
 
 
-def _runs(levels: NDArray[np.intp], least: int = 1) -> Iterator[tuple[int, int]]:
-    """Yield start and end of each run of equal or similar numbers, in multiples of `least`."""
-    start, size = 0, len(levels)
-    for change in (np.flatnonzero(np.diff(levels)) + 1).tolist():
-        end = round(change / least) * least
-        if start < end <= size - least:
-            yield start, end
-            start = end
-    yield start, size
+def _runs(levels: NDArray[np.intp]) -> list[tuple[int, int]]:
+    """Return start and end of each run of equal numbers."""
+    changes = (np.flatnonzero(np.diff(levels)) + 1).tolist()
+    return list(pairwise([0, *changes, len(levels)]))
 
 
 def _warp(texture: Mipmap, level: tuple[int, int], matrix: _Matrix, part: Rect, target: Image) -> None:
     """Warp a version of a mipmap into a part of the image."""
-    (a0, a1, a2), (d0, d1, d2), (s0, s1, s2) = matrix
+    image, (left, right, top, bottom) = texture.version(*level), part
+    width, height = right - left, bottom - top
     along, down = 0.5 ** level[0], 0.5 ** level[1]  # samples of the version
-    image, columns, rows = texture.version(*level), part.right - part.left, part.bottom - part.top
+    (a0, a1, a2), (d0, d1, d2), (s0, s1, s2) = matrix
+    a0, a1, a2 = along * a0, along * a1, along * (a2 + a0 * left + a1 * top)  # from the part's corner
+    d0, d1, d2 = down * d0, down * d1, down * (d2 + d0 * left + d1 * top)
+    s2 += s0 * left + s1 * top
     x_px, y_px = PAD, PAD  # of the first sample
-    if columns * rows >= _COPIED_PX:
-        lines = _times(matrix[0], along), _times(matrix[1], down), matrix[2]
-        window = _window(lines, part, image.shape[:2])
+    if width * height >= _COPIED_PX and image.size >= _COPIED_BYTES:
+        window = _window(((a0, a1, a2), (d0, d1, d2), (s0, s1, s2)), width, height, image.shape[:2])
         if window is not None:
             image = np.ascontiguousarray(image[window])
             x_px, y_px = PAD - window[1].start, PAD - window[0].start
-    a2, d2, s2 = (edge + step * part.left + fall * part.top for step, fall, edge in matrix)  # from the part's corner
     shifted = [
-        *(along * a0 + x_px * s0, along * a1 + x_px * s1, along * a2 + x_px * s2),
-        *(down * d0 + y_px * s0, down * d1 + y_px * s1, down * d2 + y_px * s2),
+        *(a0 + x_px * s0, a1 + x_px * s1, a2 + x_px * s2),
+        *(d0 + y_px * s0, d1 + y_px * s1, d2 + y_px * s2),
         *(s0, s1, s2),
     ]
     to_samples = np.array(shifted).reshape(3, 3)
-    cv2.warpPerspective(image, to_samples, (columns, rows), target, _WARP, cv2.BORDER_CONSTANT, _WHITE)
+    cv2.warpPerspective(image, to_samples, (width, height), target, _WARP, cv2.BORDER_CONSTANT, _WHITE)
 
 
-def _window(matrix: _Matrix, part: Rect, shape: tuple[int, ...]) -> tuple[slice, slice] | None:
+def _window(matrix: _Matrix, width: int, height: int, shape: tuple[int, ...]) -> tuple[slice, slice] | None:
     """Return the rows and columns of a version of a mipmap that a part of the image shows.
 
     None if they are many, or the part reaches the horizon.
     """
-    across, down, scale = matrix
-    x_px, y_px = [], []
-    for column in (part.left, part.right - 1):
-        for row in (part.top, part.bottom - 1):
-            far = scale[0] * column + scale[1] * row + scale[2]
-            if far * (scale[0] * part.left + scale[1] * part.top + scale[2]) <= 0:
-                return None
-            x_px.append((across[0] * column + across[1] * row + across[2]) / far)
-            y_px.append((down[0] * column + down[1] * row + down[2]) / far)
+    (a0, a1, a2), (d0, d1, d2), (s0, s1, s2) = matrix
+    right, below = width - 1, height - 1
+    far = s2, s2 + s0 * right, s2 + s1 * below, s2 + s0 * right + s1 * below  # in the four corners
+    if min(far) * max(far) <= 0:
+        return None
+    x_px = a2 / far[0], (a2 + a0 * right) / far[1], (a2 + a1 * below) / far[2], (a2 + a0 * right + a1 * below) / far[3]
+    y_px = d2 / far[0], (d2 + d0 * right) / far[1], (d2 + d1 * below) / far[2], (d2 + d0 * right + d1 * below) / far[3]
     top, bottom = max(math.floor(min(y_px)) + PAD - 1, 0), min(math.ceil(max(y_px)) + PAD + 2, shape[0])
     left, right = max(math.floor(min(x_px)) + PAD - 1, 0), min(math.ceil(max(x_px)) + PAD + 2, shape[1])
-    most = _MOST_COPIED * (part.right - part.left) * (part.bottom - part.top)
-    if top >= bottom or left >= right or (bottom - top) * (right - left) > most:
+    if top >= bottom or left >= right or (bottom - top) * (right - left) > _MOST_COPIED * width * height:
         return None
     return slice(top, bottom), slice(left, right)

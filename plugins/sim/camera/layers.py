@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Final, NamedTuple, TypeAlias
 
@@ -28,22 +26,24 @@ class Rect(NamedTuple):
 Fill: TypeAlias = Callable[[Rect, Image], None]
 """Writes the colours of a part of the image."""
 
+Edge: TypeAlias = NDArray[np.float32]
+"""The row of an edge in each column."""
 
 _THIN_PX: Final = 0.05
-_SMALL_PX: Final = 4000
+_SMALL_PX: Final = 6000
 """Area above which rows that a layer covers in all columns are not blended."""
 _WIDE_PX: Final = 256
 """Number of columns from which a layer is drawn in its place: a copy takes longer than the columns that are left."""
 _STRIDE: Final = 16
 """OpenCV warps so many columns at once, and those that are left one by one, each in the time of four."""
+_LARGE_PX: Final = 2500
+"""Area from which bytes are blended in four steps: `blendLinear` divides in each pixel, and a call takes less time."""
+
+_ONE: Final = np.array(1.0, np.float32)
+"""As an array, which numpy takes in half the time of a number."""
 
 
-_ZERO, _HALF, _ONE = (np.array(number, np.float32) for number in (0.0, 0.5, 1.0))
-"""As arrays, which numpy takes in half the time of a number."""
-
-
-@dataclass
-class Layer:
+class Layer(NamedTuple):
     """The area of an image that a surface covers.
 
     A pixel spans half a pixel to each side of its centre. The edges may be anywhere: a partly covered pixel is blended.
@@ -52,115 +52,68 @@ class Layer:
         first: its first column.
         tops: upper edge in each column.
         bottoms: lower edge in each column.
+        extent: the least and the greatest row of its upper edge, and those of its lower edge.
         fill: writes its colours.
         left_share: covered share of its first column, 0..1.
         right_share: covered share of its last column, 0..1.
     """
 
     first: int
-    tops: NDArray[np.float64]
-    bottoms: NDArray[np.float64]
+    tops: Edge
+    bottoms: Edge
+    extent: tuple[float, float, float, float]
     fill: Fill
     left_share: float = 1.0
     right_share: float = 1.0
-    columns: slice = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.columns = slice(self.first, self.first + len(self.tops))
-
-
-def paint(image: Image, layers: Sequence[Layer]) -> None:
-    """Paint layers over an image, one over the other.
-
-    What has to be known of their edges is found for all together: a step of numpy takes as long for one layer.
-    """
-    starts = [0, *itertools.accumulate(len(layer.tops) for layer in layers)]
-    size = starts.pop()
-    if not size:
-        return
-    tops, bottoms = (np.concatenate(edges) for edges in zip(*((it.tops, it.bottoms) for it in layers), strict=True))
-    extents = zip(
-        np.minimum.reduceat(tops, starts).tolist(),
-        np.maximum.reduceat(tops, starts).tolist(),
-        np.minimum.reduceat(bottoms, starts).tolist(),
-        np.maximum.reduceat(bottoms, starts).tolist(),
-        strict=True,
-    )
-    fine_tops, fine_bottoms = tops.astype(np.float32), bottoms.astype(np.float32)  # numpy is faster with them
-    for layer, start, extent in zip(layers, starts, extents, strict=True):
-        part = slice(start, start + len(layer.tops))
-        _LayerPainter(layer, fine_tops[part], fine_bottoms[part], extent).paint(image)
-
-
-class _LayerPainter:
-    """Paints a layer.
-
-    Args:
-        tops: its upper edge.
-        bottoms: its lower edge.
-        extent: the least and the greatest row of its upper edge, and those of its lower edge.
-    """
-
-    def __init__(
-        self,
-        layer: Layer,
-        tops: NDArray[np.float32],
-        bottoms: NDArray[np.float32],
-        extent: tuple[float, float, float, float],
-    ) -> None:
-        self._layer, self._tops, self._bottoms, self._extent = layer, tops, bottoms, extent
-        left, right = layer.left_share, layer.right_share
-        self._is_cut = left < 1.0 or right < 1.0
-        """Whether it covers its outermost columns in part."""
-        if self._is_cut:
-            is_one = len(tops) == 1
-            self._sides = slice(None) if is_one else slice(None, None, len(tops) - 1)
-            self._shares = np.array([left * right] if is_one else [left, right], np.float32)
 
     def paint(self, image: Image) -> None:
         """Paint it over an image."""
-        layer, columns = self._layer, len(self._tops)
-        low, lowest_top, highest_bottom, high = self._extent
-        top, bottom = max(math.floor(low + 0.5), 0), min(math.floor(high + 0.5) + 1, image.shape[0])
+        first, columns, (low, lowest_top, highest_bottom, high) = self.first, len(self.tops), self.extent
+        top, bottom = max(math.floor(low + 0.5), 0), min(math.floor(high + 0.5) + 1, len(image))
         if top >= bottom or high - low < _THIN_PX:
             return
-        target, rows = image[top:bottom, layer.columns], bottom - top
+        target = image[top:bottom, first : first + columns]
         is_wide = columns >= _WIDE_PX
-        width = columns if is_wide else padded(columns)
-        colours = target if is_wide else np.empty((rows, width, 4), np.uint8)
-        rect = Rect(layer.first, layer.first + width, top, bottom)
-        if rows * columns <= _SMALL_PX and not is_wide:
-            layer.fill(rect, colours)
+        colours = target if is_wide else np.empty((bottom - top, padded(columns), 4), np.uint8)
+        rect = Rect(first, first + colours.shape[1], top, bottom)
+        if not is_wide and (bottom - top) * columns <= _SMALL_PX:
+            self.fill(rect, colours)
             self._blend(target, colours[:, :columns], target, top)
             return
-        start = min(max(math.ceil(lowest_top + 0.5), top), bottom)
+        start = min(max(math.ceil(lowest_top + 0.5), top), bottom)  # of the rows that it covers in all columns
         end = max(min(math.floor(highest_bottom - 0.5) + 1, bottom), start)
-        upper, whole, lower = slice(start - top), slice(start - top, end - top), slice(end - top, None)
-        unders = [target[upper], target[lower]]
-        if is_wide:
-            unders = [under.copy() for under in unders]
-        under_sides = target[whole, self._sides].astype(np.float32) if self._is_cut else None
-        layer.fill(rect, colours)
-        colours = colours[:, :columns]
+        bands = [slice(0, start - top), slice(end - top, bottom - top)]
+        unders = [target[band].copy() if is_wide else target[band] for band in bands]
+        whole = target[start - top : end - top]
+        edges = ((0, self.left_share), (columns - 1, self.right_share))
+        sides = [(whole[:, at : at + 1], share) for at, share in edges if share < 1.0]
+        side_unders = [side.copy() for side, _ in sides]
+        self.fill(rect, colours)
         if not is_wide:
-            target[whole] = colours[whole]
-        if under_sides is not None:
-            sides = colours[whole, self._sides] - under_sides
-            target[whole, self._sides] = under_sides + sides * self._shares[:, np.newaxis] + _HALF
-        for part, under, first in ((upper, unders[0], top), (lower, unders[1], end)):
-            self._blend(target[part], colours[part], under, first)
+            whole[:] = colours[start - top : end - top, :columns]
+        for (side, share), under in zip(sides, side_unders, strict=True):
+            cv2.addWeighted(side, share, under, 1 - share, 0.0, side)
+        for band, under in zip(bands, unders, strict=True):
+            self._blend(target[band], colours[band, :columns], under, top + band.start)
 
     def _blend(self, target: Image, colours: Image, under: Image, top: int) -> None:
         """Blend some rows, from row `top` on, with their previous content by the covered share."""
         if not len(target):
             return
-        begins, ends = _row_limits((bottom := top + len(target)).bit_length())
-        share = np.minimum(ends[top:bottom], self._bottoms)
-        share -= np.maximum(begins[top:bottom], self._tops)
-        np.maximum(share, _ZERO, out=share)
-        if self._is_cut:
-            share[:, self._sides] *= self._shares
-        cv2.blendLinear(colours, under, share, np.subtract(_ONE, share), target)
+        last = top + len(target)
+        limits = np.maximum(_row_limits(last.bit_length())[top : last + 1], self.tops)
+        np.minimum(limits, self.bottoms, out=limits)
+        share = np.subtract(limits[1:], limits[:-1])
+        if self.left_share < 1.0:
+            share[:, 0] *= self.left_share
+        if self.right_share < 1.0:
+            share[:, -1] *= self.right_share
+        if share.size < _LARGE_PX:
+            cv2.blendLinear(colours, under, share, np.subtract(_ONE, share), target)
+            return
+        weights = cv2.cvtColor(cv2.convertScaleAbs(share, alpha=255), cv2.COLOR_GRAY2RGBA)
+        rest = cv2.multiply(under, cv2.bitwise_not(weights), scale=1 / 255)
+        cv2.add(cv2.multiply(colours, weights, scale=1 / 255), rest, target)
 
 
 def padded(columns: int) -> int:
@@ -169,7 +122,6 @@ def padded(columns: int) -> int:
 
 
 @lru_cache(maxsize=8)
-def _row_limits(bits: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return where the rows below 2**bits begin and end, (rows, 1) each."""
-    rows = np.arange(2**bits, dtype=np.float32)[:, np.newaxis]
-    return rows - _HALF, rows + _HALF
+def _row_limits(bits: int) -> NDArray[np.float32]:
+    """Return where the rows below 2**bits begin, and the last one ends, (rows + 1, 1)."""
+    return np.arange(2**bits + 1, dtype=np.float32)[:, np.newaxis] - np.float32(0.5)

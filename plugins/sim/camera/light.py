@@ -35,8 +35,9 @@ class RoomLight:
     def __init__(self, model: WorldModel) -> None:
         self._ambient_lux = model.lighting.ambient_lux
         self.lamps: Final = tuple(model.lighting.lamps)
-        self._lamps_m = np.array([[lamp.x_m, lamp.y_m, lamp.z_m] for lamp in self.lamps])
+        self._lamps_m = np.array([[lamp.x_m, lamp.y_m, lamp.z_m] for lamp in self.lamps]).reshape(-1, 3)
         self._candela = np.array([lamp.lumens / (4 * math.pi) for lamp in self.lamps])
+        self._ambient_around = self._ambient_lux * (_AMBIENT_SIDEWAYS + _AMBIENT_UP * _DIRECTIONS[:, 2])
         self._height_m = model.height_m
         self._mean_lux = 1.0
         self._mean_lux = max(float(np.mean(self._probe(*model.size_m))), 1e-6)
@@ -69,13 +70,10 @@ class RoomLight:
         Returns:
             (n, SIDES + 2): facing against x, counter-clockwise in equal steps for a full turn, then facing up.
         """
-        shape = len(places), len(_DIRECTIONS)
-        lux = np.broadcast_to(self._ambient_lux * (_AMBIENT_SIDEWAYS + _AMBIENT_UP * _DIRECTIONS[:, 2]), shape)
-        if len(self._lamps_m):
-            away = self._lamps_m - places[:, np.newaxis]
-            towards = np.maximum((away[:, np.newaxis] * _DIRECTIONS[:, np.newaxis]).sum(axis=3), 0.0)
-            lux = lux + (towards / _cubes_m3(away)[:, np.newaxis]) @ self._candela
-        return self.factor(lux)
+        away = self._lamps_m - places[:, np.newaxis]
+        towards = np.maximum(away @ _DIRECTIONS.T, 0.0)
+        candela_m3 = self._candela / _cubes_m3(away)
+        return self.factor(self._ambient_around + (candela_m3[:, np.newaxis] @ towards)[:, 0])
 
     def factor(self, lux: Floats) -> NDArray[np.float64]:
         """Return the factors on colours for an illuminance."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .eye import Eye
 from .flat import block_layers, face_layers, fill_plane, near_plane
-from .layers import Layer, Rect, paint
+from .layers import Layer, Rect
 from .movers import Mover
 from .round import tower_layers
 from .scene import Scene
@@ -45,11 +45,12 @@ def render(scene: Scene, movers: Sequence[Mover], eye: Eye) -> NDArray[np.uint8]
     image = np.empty((eye.lens.height, eye.lens.width, 4), np.uint8)
     _paint_floor_and_ceiling(image, scene, eye, wall_layers, shadows)
     flat = [layer for layer in (*wall_layers, *poster_layers) if _rises_above(layer, horizon)]
-    paint(image, [*flat, *itertools.chain.from_iterable(shown)])
+    for layer in itertools.chain(flat, *shown):
+        layer.paint(image)
     return cv2.cvtColor(image, cv2.COLOR_RGBA2RGB)  # type: ignore[return-value]
 
 
-def _visible(eye: Eye, ordered: Sequence[Seen]) -> tuple[list[list[Layer]], NDArray[np.float64]]:
+def _visible(eye: Eye, ordered: Sequence[Seen]) -> tuple[list[list[Layer]], NDArray[np.float32]]:
     """Drop solids that are completely hidden.
 
     All solids stand on the floor, so in one column a nearer solid reaches lower than a farther one. The farther one is
@@ -58,22 +59,22 @@ def _visible(eye: Eye, ordered: Sequence[Seen]) -> tuple[list[list[Layer]], NDAr
     Returns:
         The layers of each visible solid, from far to near, and the highest covered row in each column.
     """
-    horizon = np.full(eye.lens.width, np.inf)
+    horizon = np.full(eye.lens.width, np.inf, np.float32)
     shown = []
     for _, layers in reversed(ordered):
         if any(_rises_above(layer, horizon) for layer in layers):
             shown.append(layers)
             for layer in layers:
-                inner = slice(layer.columns.start + 1, layer.columns.stop - 1)
-                np.minimum(horizon[inner], layer.tops[1:-1] + 0.5, out=horizon[inner])
+                inner = horizon[layer.first + 1 : layer.first + len(layer.tops) - 1]
+                np.minimum(inner, layer.tops[1:-1], out=inner)
     return shown[::-1], horizon
 
 
-def _rises_above(layer: Layer, horizon: NDArray[np.float64]) -> bool:
-    tops, covered = layer.tops, horizon[layer.columns]
-    if max(tops[0], -0.5) < covered[0] or max(tops[-1], -0.5) < covered[-1]:  # the usual case
+def _rises_above(layer: Layer, horizon: NDArray[np.float32]) -> bool:
+    covered, tops = horizon[layer.first : layer.first + len(layer.tops)], layer.tops
+    if any(max(tops[at], -0.5) < covered[at] + 0.5 for at in (0, -1)):  # the usual case
         return True
-    return bool((np.maximum(tops, -0.5) < covered).any())
+    return bool((np.maximum(tops, -0.5) < covered + 0.5).any())
 
 
 def _paint_floor_and_ceiling(
@@ -81,13 +82,13 @@ def _paint_floor_and_ceiling(
 ) -> None:
     """Paint both where the walls do not cover them, and the shadows on the floor."""
     width, height = eye.lens.width, eye.lens.height
-    first_floor_row = max(math.floor(min(layer.bottoms.min() for layer in walls)), math.floor(eye.centre_px[1]) + 1)
+    first_floor_row = max(math.floor(min(layer.extent[2] for layer in walls)), math.floor(eye.centre_px[1]) + 1)
     if first_floor_row < height:
         floor = Rect(0, width, first_floor_row, height)
         fill_plane(eye, scene.floor, floor, image[floor.top :])
         for shadow in shadows:
             _paint_shadow(image, eye, shadow, floor)
-    last_ceiling_row = min(math.ceil(max(layer.tops.max() for layer in walls)), math.ceil(eye.centre_px[1]) - 1)
+    last_ceiling_row = min(math.ceil(max(layer.extent[1] for layer in walls)), math.ceil(eye.centre_px[1]) - 1)
     if last_ceiling_row >= 0:
         ceiling = Rect(0, width, 0, last_ceiling_row + 1)
         fill_plane(eye, scene.ceiling, ceiling, image[: ceiling.bottom])

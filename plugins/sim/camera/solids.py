@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,8 +51,7 @@ class Face:
         return self.along[1], -self.along[0]
 
 
-@dataclass(frozen=True)
-class Plane:
+class Plane(NamedTuple):
     """A level surface, such as the floor or the top of a block.
 
     Attributes:
@@ -85,8 +85,7 @@ class Block:
     top: Plane
 
 
-@dataclass(frozen=True)
-class Drum:
+class Drum(NamedTuple):
     """An upright cylinder.
 
     Attributes:
@@ -110,8 +109,7 @@ class Drum:
     gains: NDArray[np.float64] | None = None
 
 
-@dataclass(frozen=True)
-class Tower:
+class Tower(NamedTuple):
     """Stacked drums on one axis, from the lowest and widest up."""
 
     drums: tuple[Drum, ...]

@@ -65,9 +65,10 @@ class Mipmap:
         """Return the number of halvings along an axis (0 along, 1 across) for a sample density."""
         return min(max(round(math.log2(samples_per_px) - _SHARPNESS), 0), self.deepest[axis])
 
-    def levels(self, samples_per_px: NDArray[np.float64], axis: int) -> NDArray[np.intp]:
-        """Return the number of halvings for each of several densities."""
-        return halvings(samples_per_px, self.deepest[axis])
+    @staticmethod
+    def most(level: int) -> float:
+        """Return the sample density up to which `level` returns a number of halvings, if there are that many."""
+        return float(2 ** (level + 0.5 + _SHARPNESS))
 
     def version(self, along: int, across: int) -> Image:
         """Return the image after some halvings along and across, with a border of PAD samples."""

@@ -116,8 +116,8 @@ def _widest_gap(block: Block, other: Block) -> tuple[float, _Line]:
 
 def _columns(layers: Sequence[Layer]) -> tuple[float, float]:
     """Return the column range of layers: two solids without a common column have no order."""
-    left = min(layer.columns.start + 0.5 - layer.left_share for layer in layers)
-    return left, max(layer.columns.stop - 1.5 + layer.right_share for layer in layers)
+    left = min(layer.first + 0.5 - layer.left_share for layer in layers)
+    return left, max(layer.first + len(layer.tops) - 1.5 + layer.right_share for layer in layers)
 
 
 def _middle(solid: Solid) -> Point:
@@ -138,17 +138,16 @@ class Faces:
         faces = [face for group in groups for face in group]
         self._faces = [(number, face) for number, group in enumerate(groups) for face in group]
         self._groups = len(groups)
-        self._left, self._right = (np.array([getattr(face, end) for face in faces]) for end in ("left", "right"))
-        self._normal = np.array([face.normal for face in faces])
+        self._ends = np.array([[face.left for face in faces], [face.right for face in faces]])
+        self._normals = np.array([face.normal for face in faces])
+        self._offsets = (self._ends[0] * self._normals).sum(axis=1)
 
     def in_view(self, eye: Eye) -> list[list[Face]]:
         """Return the faces of each group that face a camera and are in its field of view."""
-        left, right = self._left - (eye.x_m, eye.y_m), self._right - (eye.x_m, eye.y_m)
-        shown = (left * self._normal).sum(axis=1) < 0
-        slope = eye.lens.width / 2 / eye.focal_px
-        for side in (-1, 1):
-            beyond = [side * right - slope * ahead for right, ahead in zip(eye.right, eye.ahead, strict=True)]
-            shown &= np.minimum(left @ beyond, right @ beyond) < 0
+        slope, right, ahead = eye.lens.width / 2 / eye.focal_px, np.array(eye.right), np.array(eye.ahead)
+        place = np.array([eye.x_m, eye.y_m])
+        beyond = (self._ends - place) @ np.array([right - slope * ahead, -right - slope * ahead]).T
+        shown = (np.minimum(*beyond) < 0).all(axis=1) & (self._normals @ place > self._offsets)
         groups: list[list[Face]] = [[] for _ in range(self._groups)]
         for at in np.flatnonzero(shown).tolist():
             number, face = self._faces[at]

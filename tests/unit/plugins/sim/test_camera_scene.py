@@ -87,7 +87,8 @@ def test_coarser_versions_keep_their_samples_where_they_are() -> None:
 def test_levels_follow_the_samples_in_a_pixel() -> None:
     texture = Mipmap(np.zeros((33, 65, 4), np.uint8), (1.0, 0.5))
     assert [texture.level(count, 0) for count in (0.01, 1, 2.5, 5, 1e9)] == [0, 0, 1, 2, 6]
-    assert texture.levels(np.array([0.01, 2.5, 1e9]), 1).tolist() == [0, 1, 5]
+    for level in range(5):
+        assert [texture.level(share * texture.most(level), 1) for share in (0.99, 1.01)] == [level, level + 1]
 
 
 # RoomLight.
