@@ -196,3 +196,8 @@ class TestBehindARouter:
             running["r1"].freeze()
             with rig.served_here() as fleet:
                 assert fleet["r1"]["Arm"].send_cmd("step1").get(timeout=WAIT_S) == 1
+                assert not fleet["r1"].ping().get(timeout=WAIT_S).warnings
+                running["r1"].thaw()  # both serve the robot, and say so
+                assert eventually(
+                    lambda: "serves the robot too" in str(fleet["r1"].ping().get(timeout=WAIT_S).warnings)
+                )

@@ -153,8 +153,8 @@ def alive_key(fleet: str, robot: str | None) -> str:
     return _branch_key(fleet, ALIVE, None if robot is None else str(PROTOCOL_VERSION), robot)
 
 
-def server_key(fleet: str, robot: str, process: str | None, name: str | None) -> str:
-    """Return the key of the token of a process that serves a robot; the key expression of all such if both are None."""
+def server_key(fleet: str, robot: str | None, process: str | None, name: str | None) -> str:
+    """Return the key of the token of a process that serves a robot; the key expression of all for what is None."""
     return _branch_key(fleet, SERVERS, robot, process, name)
 
 
@@ -201,10 +201,10 @@ def parse_alive(key: str) -> tuple[str, str, int]:
     return fleet, robot, int(version)
 
 
-def parse_server(key: str) -> tuple[str, str]:
-    """Return the process and its name of the key of a server's token; ProtocolError if it is no such key."""
-    _, _, process, name = _names(key, f"{ROOT}/<fleet>/{SERVERS}/<robot>/<process>/<name>")
-    return process, name
+def parse_server(key: str) -> tuple[str, str, str]:
+    """Return robot, process and its name of the key of a server's token; ProtocolError if it is no such key."""
+    _, robot, process, name = _names(key, f"{ROOT}/<fleet>/{SERVERS}/<robot>/<process>/<name>")
+    return robot, process, name
 
 
 @lru_cache(maxsize=4096)

@@ -93,14 +93,25 @@ class RobotHost(EALActor):
             transport.receive(calls, f"{self.name} calls", partial(self._receive, None)),
             transport.receive(beats, f"{self.name} heartbeats", self._on_heartbeat),
         ]
+        if transport.is_relayed:
+            servers = keys.server_key(self._fleet, self._robot, None, None)
+            self._unsubscribe.append(transport.receive_tokens(servers, f"{self.name} servers", self._on_server))
 
     def move_to(self, session: zenoh.Session) -> None:
         """Continue on another session, after the earlier one was closed. Thread: blocks the caller for a moment."""
         self._revoked = self._read_revoked()
         self._outbox.transport = Transport(session)
+        for server in self._servers.values():
+            server.tokens.forget()
         self._subscribe()
         for server in self._servers.values():
             server.tokens.renew()
+
+    def _on_server(self, key: str, is_alive: bool) -> None:
+        """Note that another process serves a robot of this one. Thread: a reader's; does not block."""
+        robot, process, name = keys.parse_server(key)
+        if (server := self._servers.get(robot)) is not None:
+            server.tokens.note(process, name, is_alive=is_alive)
 
     def serve(self, robot: RobotHandle, exclusive: Iterable[str] | None = None) -> RobotServer:
         """Serve a started robot of this process until its server is closed. Thread: blocks the caller for a moment.

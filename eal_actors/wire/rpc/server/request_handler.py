@@ -26,6 +26,7 @@ from eal_actors.wire.rpc.call_arguments import check_texts
 from eal_actors.wire.rpc.server.admission import Admission
 from eal_actors.wire.rpc.server.outbox import Outbox
 from eal_actors.wire.rpc.server.running_commands import RunningCommands
+from eal_actors.wire.rpc.server.server_tokens import ServerTokens
 from eal_actors.wire.security.accept_guard import descriptor_warnings
 from eal_actors.wire.security.access import encode_rights
 from eal_actors.wire.security.expiry import certificate_warnings
@@ -115,6 +116,7 @@ class RequestHandler:
     _running: RunningCommands
     _publisher: StreamPublisher
     _memories: ControllerMemories
+    _tokens: ServerTokens
     _publish: Callable[[RobotEvent], None]
 
     def ping(self, header: CallHeader) -> Answer:
@@ -174,7 +176,11 @@ class RequestHandler:
             "holders": {resource: self._admission.names.of(client) for resource, client in holders.items()},
             "holder_ids": {resource: client for resource, client in holders.items() if client == header.client},
             "not_ready": {name: reason[:_MAX_TEXT] for name, reason in self._robot.not_ready.items()},
-            "warnings": [*certificate_warnings(self._host.network.security, self._robot.name), *descriptor_warnings()],
+            "warnings": [
+                *certificate_warnings(self._host.network.security, self._robot.name),
+                *descriptor_warnings(),
+                *self._tokens.warnings(),
+            ],
             "running": [[*command.call_id, command.to_fields()] for command in self._running.announced()],
         }
 

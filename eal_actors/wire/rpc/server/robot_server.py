@@ -82,10 +82,9 @@ class RobotServer:
         self._replies = Replies(robot, self._era, host.outbox, self._memories)
         self._answer, self._outcome = self._replies.answer, self._replies.outcome
         self._publisher = StreamPublisher(host.fleet, robot, host.outbox, self._era, self._memories.put)
-        self._handler = RequestHandler(
-            host, robot, self._admission, self._running, self._publisher, self._memories, self._publish
-        )
         self.tokens: Final = ServerTokens(host.outbox, host.fleet, robot.name, host.process, host.network.lease_s)
+        parts = self._admission, self._running, self._publisher, self._memories, self.tokens
+        self._handler = RequestHandler(host, robot, *parts, self._publish)
         self._unlogged_stop: str | None = None
         self._ended = Future[None]()
         self.dead_man_trips: dict[str, int] = {}

@@ -5,6 +5,8 @@ looks for those of others: so of two that start together, each sees the other's.
 off stays until its link's lease has passed, so one that meets another one's token waits that long before it gives up.
 The one with the smallest identifier waits twice as long: of those that start together it remains when the others have
 given up, while one that serves the robot outlasts them all.
+
+One that was frozen while another began serves the robot again afterwards. Both then log it, and warn controllers.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from typing import TYPE_CHECKING, Final
 from eal_actors.actors.robot_view import process_name
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import UnavailableError
+from eal_actors.kernel.log import get_logger
 from eal_actors.wire.format import keys
 from eal_actors.wire.rpc.server.outbox import Outbox
 
@@ -41,6 +44,7 @@ class ServerTokens:
         self._process = process
         self._lease_s = lease_s
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
+        self._seen: dict[str, str] = {}
 
     def claim(self) -> None:
         """Become the only process that serves the robot; call `announce` next.
@@ -73,6 +77,23 @@ class ServerTokens:
         for key in declared:
             self._declare(key)
 
+    def note(self, process: str, name: str, *, is_alive: bool) -> None:
+        """Keep that another process begins or ends to serve the robot. Thread: any; does not block."""
+        if not is_alive:
+            self._seen.pop(process, None)
+        elif process != self._process:
+            self._seen[process] = name
+            get_logger(robot=self._robot).error("another process serves the robot too: end one of them", other=name)
+
+    def forget(self) -> None:
+        """Forget other processes: those that there are will be noted again. Thread: any; does not block."""
+        self._seen.clear()
+
+    def warnings(self) -> list[str]:
+        """Return a warning if other processes serve the robot too. Thread: any; does not block."""
+        names = sorted(self._seen.values())
+        return [f"{' and '.join(names)} serves the robot too: end one of the processes"] if names else []
+
     def withdraw(self) -> None:
         """Undeclare the tokens, unless the session is closed."""
         tokens, self._tokens = self._tokens, {}
@@ -88,4 +109,4 @@ class ServerTokens:
         wanted = keys.server_key(self._fleet, self._robot, None, None)
         replies = self._outbox.transport.session.liveliness().get(wanted, timeout=_ANSWER_S)
         found = [keys.parse_server(str(reply.ok.key_expr)) for reply in replies if reply.ok is not None]
-        return {process: name for process, name in found if process != self._process}
+        return {process: name for _, process, name in found if process != self._process}

@@ -139,7 +139,7 @@ def test_a_heartbeat_names_its_sender() -> None:
 def test_a_server_s_token_names_its_process() -> None:
     key = keys.server_key("my lab", "r1", "a1", "anna@pc (pid 7)")
     assert key == "eal/my%20lab/@servers/r1/a1/anna%40pc%20%28pid%207%29"
-    assert keys.parse_server(key) == ("a1", "anna@pc (pid 7)")
+    assert keys.parse_server(key) == ("r1", "a1", "anna@pc (pid 7)")
     for key in ("eal/f/@servers/r1/a1", "eal/f/@servers/r1/a1/b/c", "eal/f/@events/r1/a1/b", "x/f/@servers/r1/a1/b"):
         with pytest.raises(ProtocolError, match="is not eal/<fleet>/@servers/<robot>/<process>/<name>"):
             keys.parse_server(key)
