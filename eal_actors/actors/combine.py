@@ -27,9 +27,9 @@ class _CombinedFuture(Future[T]):
         slowest = max(pending, key=lambda part: part.deadline_s or 0.0, default=None)
         endless = any(part.deadline_s is None for part in pending) or len({id(part.clock) for part in pending}) > 1
         super().__init__(
-            clock=slowest.clock if slowest else REAL_TIME,
-            deadline_s=slowest.deadline_s if slowest and not endless else None,
-            timekeeper=slowest.timekeeper if slowest else None,
+            clock=slowest.clock if slowest is not None else REAL_TIME,
+            deadline_s=slowest.deadline_s if slowest is not None and not endless else None,
+            timekeeper=slowest.timekeeper if slowest is not None else None,
         )
         self._parts = parts
         self._watched = parts if watched is None else watched

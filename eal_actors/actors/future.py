@@ -15,7 +15,7 @@ import threading
 from collections.abc import Callable, Generator
 from functools import partial
 from types import TracebackType
-from typing import Any, Protocol, TypeAlias, TypeVar
+from typing import Any, NoReturn, Protocol, TypeAlias, TypeVar
 
 import pykka
 from typing_extensions import override
@@ -313,6 +313,16 @@ class Future(pykka.Future[T]):
         return asyncio.wrap_future(self.to_concurrent()).__await__()
 
     __iter__ = None  # type: ignore[assignment]  # Pykka's yields None: `x, y, yaw = future` must say what is wrong
+
+    def __eq__(self, other: object) -> bool:
+        if isinstance(other, int | float | str):
+            raise TypeError(f"a future is never equal to {other!r}; its result, which `get` returns, may be")
+        return self is other
+
+    def __bool__(self) -> NoReturn:
+        raise TypeError("a future is neither true nor false; its result, which `get` returns, may be")
+
+    __hash__ = object.__hash__
 
     @override
     def map(self, func: Callable[[T], M]) -> Future[M]:

@@ -112,6 +112,13 @@ def test_a_future_is_not_taken_for_its_value() -> None:
         list(done(1))  # type: ignore[call-overload]
     with pytest.raises(TypeError, match="'Future' object is not iterable"):
         gather(done(1))  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="a future is never equal to 1; its result, which `get` returns, may be"):
+        assert done(1) == 1
+    with pytest.raises(TypeError, match="a future is neither true nor false; its result"):
+        assert done(0)
+    future = done(1)
+    assert {future: 1}[future] == 1
+    assert future != done(1)
 
 
 def test_callbacks_run_once_at_once_when_done_and_errors_do_not_spread() -> None:

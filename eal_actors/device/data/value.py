@@ -63,7 +63,7 @@ class EALData:
 
     Everything is checked at construction; bytes are made when they are needed. Two are equal if their descriptions and
     bytes are: a NaN equals itself, 0.0 differs from -0.0. Not hashable, because it may hold a numpy array. Neither true
-    nor false, because `if eal.get_value(bump):` means the `value`.
+    nor false, nor compared with a number or text, because `if eal.get_value(bump):` means the `value`.
 
     Args:
         value: int, float, bool, str, bytes, a list or tuple of numbers, or a numpy array; None for VOID alone. The
@@ -302,6 +302,8 @@ class EALData:
         return self._payload
 
     def __eq__(self, other: object) -> bool:
+        if isinstance(other, int | float | str):
+            raise TypeError(f"{self!r} is never equal to {other!r}; its `value` may be")
         if not isinstance(other, EALData):
             return NotImplemented
         return self.description == other.description and self.payload == other.payload

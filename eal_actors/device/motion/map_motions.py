@@ -26,6 +26,7 @@ BLOCKED: Final = 2
 MAX_WAYPOINTS: Final = 10_000
 """Waypoints of a path. A base answers nothing while it makes a route: ten thousand points take 30 ms, half a million
 took seconds, in which it could not be stopped."""
+_MOST_YAW_RAD: Final = 4 * math.pi  # two turns; a heading in degrees is mostly more
 MAX_PLACE_M: Final = 1e6
 """Greatest coordinate of a place; beyond, the motion of a step is lost in the rounding."""
 
@@ -89,11 +90,14 @@ class MapMotions(Resource, ABC):
     def goal_numbers(goal: Any) -> tuple[float, float, float | None]:
         """Return x, y and yaw of a goal; None for any heading.
 
-        Raises ArgumentError if the goal is no [x_m, y_m] or [x_m, y_m, yaw_rad] of finite numbers.
+        Raises ArgumentError if the goal is no [x_m, y_m] or [x_m, y_m, yaw_rad] of finite numbers, or the heading is
+        more than two turns.
         """
         numbers = [float(number) for number in goal]
         if len(numbers) not in (2, 3) or not all(map(math.isfinite, numbers)):
             raise ArgumentError(f"goto needs finite numbers x_m, y_m and perhaps yaw_rad, not {numbers}")
+        if len(numbers) > 2 and abs(numbers[2]) > _MOST_YAW_RAD:
+            raise ArgumentError(f"goto takes its heading in radians, not {numbers[2]:g}; `go_to` takes degrees")
         return numbers[0], numbers[1], numbers[2] if len(numbers) > 2 else None
 
     @command("follow", _PATH, repeatable=True)

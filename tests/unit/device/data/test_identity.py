@@ -58,7 +58,6 @@ def test_equal_means_same_description_and_same_bytes() -> None:
         (EALData.of(np.zeros(2)), EALData.of([0.0, 0.0])),
     ]:
         assert one != other
-    assert EALData.of(1) != 1
 
 
 def test_data_is_not_hashable() -> None:
@@ -134,3 +133,14 @@ def test_data_is_neither_true_nor_false(value: object) -> None:
     """`if eal.get_value(bump):` would be true for every value."""
     with pytest.raises(TypeError, match=r"EALData\(.*\) is neither true nor false; its `value` may be"):
         bool(EALData.of(value))
+
+
+@pytest.mark.parametrize("value", [1, 1.0, True, "a"])
+def test_data_is_not_compared_with_a_plain_value(value: object) -> None:
+    """`if eal.get_value(light) == 1.0:` was false for every value."""
+    data = EALData.of(value)
+    with pytest.raises(TypeError, match=r"EALData\(.*\) is never equal to .*; its `value` may be"):
+        assert data == value
+    with pytest.raises(TypeError, match="is never equal to"):
+        assert value != data
+    assert data != None  # noqa: E711
