@@ -30,6 +30,8 @@ AUDIT_FILE: Final = "audit.jsonl"
 _MOST_BYTES: Final = 10_000_000
 _OLDER_FILES: Final = 9
 _MOST_WAITING: Final = 10_000
+_MOST_OUTCOME: Final = 1000
+"""Characters of an outcome: an error repeats what an agent wrote, which may be as long as the whole log."""
 
 Finish = Callable[[str], None]
 """Records the outcome of a command: `ok`, or its error."""
@@ -74,7 +76,7 @@ class AuditLog:
 
         def finish(outcome: str) -> None:
             if has_ended.acquire(blocking=False):
-                self._write({"id": number, "outcome": outcome})
+                self._write({"id": number, "outcome": outcome[:_MOST_OUTCOME]})
 
         return finish
 
