@@ -291,7 +291,7 @@ class _RobotPoller:
             "stopped": robot.stopped_because,
             "is_stop_confirmed": robot.is_stop_confirmed,
             "not_ready": robot.not_ready,
-            "problems": [*(problem.message for problem in robot.problems), *warnings],
+            "problems": [*_not_repeated([problem.message for problem in robot.problems]), *warnings],
             "last_seen": self._seen if robot.state is RobotState.LOST else None,
             "restarts": {name: count for name, count in robot.restarts.items() if count},
             "spread_m2": self._spread_m2,
@@ -304,6 +304,11 @@ class _RobotPoller:
                 for running in robot.running
             ],
         }
+
+
+def _not_repeated(texts: list[str]) -> list[str]:
+    """Return the texts that no other one contains: a failed robot repeats why its plugins failed."""
+    return [text for text in texts if not any(text != other and text in other for other in texts)]
 
 
 def _result_or_none(future: Future[Any]) -> Any:

@@ -11,7 +11,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from eal_actors.facade.fleet import Fleet
-from eal_actors.operate.dashboard import Dashboard
+from eal_actors.operate.dashboard import Dashboard, LogTap
 from tests.operate.dashboard.rig import COUNTING_PLUGIN, SIM, counting_fleet, open_dashboard, resource_of
 from tests.plugin_files import write_plugin
 from tests.scenario_texts import scenario_of
@@ -62,6 +62,21 @@ def test_a_robot_whose_device_is_absent_says_why_once(
         expect(row.get_by_text("cannot open /dev/nowhere")).to_have_count(1)
         page.goto(dashboard.link + "#/robot/create")
         expect(page.get_by_text("cannot open /dev/nowhere")).to_have_count(1)
+
+
+def test_a_robot_that_failed_is_one_alert_beside_the_line_of_the_log(open_page: OpenPage, tmp_path: Path) -> None:
+    write_plugin(tmp_path, "broken", '\ndef connect(): raise RuntimeError("no arm")\n', "Arm")
+    file = tmp_path / "fleet.yaml"
+    file.write_text("version: 1\nplugin_dirs: [plugins]\nrobots: {one: {plugins: {broken: {}}}}\n")
+    with (
+        LogTap() as log,
+        Fleet.load(file).connect() as fleet,
+        open_dashboard(fleet, log=log) as dashboard,
+        open_page(dashboard.link) as page,
+    ):
+        alerts = page.get_by_role("region", name="Alerts").locator("li")
+        expect(alerts).to_contain_text([re.compile("one failed · none of its.*no arm$"), "robot has failed"])
+        expect(page.get_by_text("no arm")).to_have_count(1)
 
 
 def test_nothing_covers_the_tools_of_the_map_in_any_view(open_page: OpenPage, fleet: Fleet, tmp_path: Path) -> None:

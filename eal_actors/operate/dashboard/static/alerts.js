@@ -66,7 +66,7 @@ function addRobot(alerts, name, robot) {
   if (robot.battery !== null && robot.battery < LOW_BATTERY) {
     alerts.add(name, { tone: "warn", shape: "▽", text: `battery ${Math.round(robot.battery * 100)} %` });
   }
-  if (robot.last_error) {
+  if (robot.last_error && robot.state !== "failed") {
     const text = robot.last_error.replaceAll(`${name}/`, ""); // so that those of several robots are the same
     alerts.add(name, { tone: "warn", shape: "▲", text });
   }
