@@ -46,7 +46,7 @@ def _check(scenario: Scenario, config: FleetConfig, pair: str) -> TogetherCheck:
     bound = {name for names in candidates.values() for name in names}
     if unbound and not bound:
         return TogetherCheck(tuple(unbound))
-    if missing := missing_parameters(scenario.file, scenario.parameters, scenario.tree):
+    if missing := missing_parameters(scenario, scenario.parameters):
         names = ", ".join(problem.path for problem in missing)
         warning = f"{pair}: the calls were not checked, because {names} has no default"
         return TogetherCheck(tuple(unbound), (warning,))

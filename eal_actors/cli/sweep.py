@@ -107,7 +107,7 @@ def _validate(sweep: Sweep, limit: int) -> None:
         )
     scenario = sweep.scenario
     given = {**scenario.parameters, **{variation.name: variation.values[0] for variation in sweep.variations}}
-    if missing := missing_parameters(scenario.file, given, scenario.tree):
+    if missing := missing_parameters(scenario, given):
         raise ConfigError(missing)
     simulated(sweep.fleet, bound_robots(scenario, sweep.fleet), sweep.keep)
 

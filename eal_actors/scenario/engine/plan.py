@@ -54,7 +54,7 @@ def make_plan(
     Thread: any; does not block.
     """
     scenario = with_parameters(scenario, parameters or {})
-    missing = missing_parameters(scenario.file, scenario.parameters, scenario.tree)
+    missing = missing_parameters(scenario, scenario.parameters)
     candidates, unbound = match_roles(scenario, fleet.config, binding)
     if missing:
         raise ConfigError([*missing, *unbound])

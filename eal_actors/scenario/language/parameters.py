@@ -132,7 +132,7 @@ def set_parameters(scenario: Scenario, given: Mapping[str, object]) -> Scenario:
     declared = scenario.file.parameters
     for name, section in declared.items():
         value = given.get(name, section.default)
-        if value is None:
+        if value is None and name not in given:
             continue
         if name in given and (wrong := parameter_problem(section, value)) is not None:
             problems.append(scenario.problem(("parameters", name), f"{wrong} as it was given", key=True))
@@ -156,15 +156,15 @@ def _frozen(value: object) -> object:
     return tuple(map(_frozen, value)) if isinstance(value, list | tuple) else value
 
 
-def missing_parameters(file: ScenarioFile, values: Mapping[str, object], tree: YamlTree) -> list[Problem]:
+def missing_parameters(scenario: Scenario, values: Mapping[str, object]) -> list[Problem]:
     """Return a problem for each parameter without a value."""
     return [
-        tree.problem(
+        scenario.problem(
             ("parameters", name),
             f"has no default, so it must be given: --set {name}={_EXAMPLES[section.type]}",
             key=True,
         )
-        for name, section in file.parameters.items()
+        for name, section in scenario.file.parameters.items()
         if name not in values
     ]
 

@@ -41,7 +41,7 @@ def test_defaults_and_what_is_given(tmp_path: Path) -> None:
     }
     scenario = load_scenario(tmp_path / "s.yaml", {"legs": 3})
     assert with_parameters(scenario, {"side": "right"}).parameters["legs"] == 3
-    assert missing_parameters(scenario.file, {"legs": 1}, scenario.tree)[0].path == "parameters.speed_m_s"
+    assert missing_parameters(scenario, {"legs": 1})[0].path == "parameters.speed_m_s"
 
 
 @pytest.mark.parametrize(
@@ -52,6 +52,7 @@ def test_defaults_and_what_is_given(tmp_path: Path) -> None:
         ({"legs": True}, "7:3: parameters.legs: must be int 1.., not true as it was given"),
         ({"side": "up"}, "8:3: parameters.side: must be one of 'left', 'right', not 'up' as it was given"),
         ({"angles": "x"}, "9:3: parameters.angles: must be list, not 'x' as it was given"),
+        ({"side": None}, "8:3: parameters.side: must be string 'left'|'right', not nothing as it was given"),
         ({"loud": 1}, "10:3: parameters.loud: must be bool, not 1 as it was given"),
         ({"speed": 1}, "5:1: parameters: unknown parameter 'speed'; did you mean 'speed_m_s'?"),
     ],
