@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from eal_actors.cli.exit_codes import ExitCode, exit_code
 from eal_actors.device.world import WorldModel
 from eal_actors.facade.fleet import Fleet
+from eal_actors.facade.traffic.positions import DEFAULT_RADIUS_M, radius_m_of
 from eal_actors.kernel.errors import PlaceNotFoundError
+from tests.plugin_files import write_plugin
 
 
 def fleet_with(places: dict[str, dict[str, float]] | None) -> Fleet:
@@ -47,3 +50,25 @@ def test_an_unknown_place_lists_those_there_are(
         fleet_with(places).place(name)
     assert str(caught.value) == message
     assert exit_code(caught.value) is ExitCode.BAD_INPUT
+
+
+ODD_BASE = """
+from eal_actors.plugin import EALPlugin, Resource, ResourceType
+
+class Base(Resource):
+    types = ResourceType.ACTUATOR
+
+    def send_cmd(self, cmd, data=None):
+        return 1
+
+    def get_config(self, key):
+        return {radius}
+"""
+
+
+@pytest.mark.parametrize("radius", ["'wide'", "-1.0", "float('nan')", "[0.1, 0.2]"])
+def test_a_radius_that_is_none_counts_as_not_told(tmp_path: Path, radius: str) -> None:
+    write_plugin(tmp_path, "odd", ODD_BASE.format(radius=radius), "Base")
+    (tmp_path / "f.yaml").write_text("version: 1\nplugin_dirs: [plugins]\nrobots: {r: {plugins: {odd: {}}}}\n")
+    with Fleet.load(tmp_path / "f.yaml") as fleet:
+        assert radius_m_of(fleet["r"]) == DEFAULT_RADIUS_M

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
 from typing import Final
 
@@ -89,5 +90,8 @@ def _is_lost(pose: Future[PoseEstimate]) -> bool:
 
 def radius_m_of(robot: RobotHandle, *, timeout_s: float | None = None) -> float:
     """Return the radius of a robot's hull, or a default if its base does not tell it. Thread: blocks the caller."""
-    answer = robot["Base"].get_config("radius_m", timeout_s=timeout_s)
-    return float(answer.get().value) if answer.exception() is None else DEFAULT_RADIUS_M
+    try:
+        radius_m = float(robot["Base"].get_config("radius_m", timeout_s=timeout_s).get().value)
+    except (EALError, TypeError, ValueError):  # the robot may send anything
+        return DEFAULT_RADIUS_M
+    return radius_m if 0 < radius_m < math.inf else DEFAULT_RADIUS_M
