@@ -201,7 +201,7 @@ class RobotCheck:
 
     def number(self, text: str, wanted: Wanted, path: YamlPath, here: RobotScope) -> None:
         """Check a number of a step that is an expression, as far as it is known."""
-        expressions = list(expressions_in(text))
+        expressions = expressions_in(text)
         if not here.are_known(expressions):
             return
         for robots, names in self.combinations(expressions, path, here):

@@ -152,11 +152,11 @@ class CallStep(TimedStep):
     def _check_calls(self, check: RobotCheck, path: YamlPath, here: RobotScope) -> None:
         """Check the call with all values that its arguments can have, and on all robots."""
         fields, resource = self.fields(), self.arguments.resource
-        expressions = list(expressions_in((resource, *fields.values())))
+        expressions = expressions_in((resource, *fields.values()))
         resource_at, method_at = Location((*path, self.kind, "resource")), Location((*path, self.kind))
         arguments_at = Location((*path, self.kind, next(iter(fields), "resource")))
         is_known = here.are_known(expressions)
-        known_only = expressions if is_known else list(expressions_in(resource))
+        known_only = expressions if is_known else expressions_in(resource)
         for robots, names in check.combinations(known_only, path, here):
             try:
                 name = render_text(resource, names)
@@ -172,7 +172,7 @@ class CallStep(TimedStep):
                     check.report(here, (*path, *keys), problem, robots)
 
     def _check_file_names(self, check: RobotCheck, name: str, path: YamlPath, here: RobotScope) -> None:
-        expressions = list(expressions_in(name))
+        expressions = expressions_in(name)
         if not here.are_known(expressions):
             return
         for _, names in check.combinations(expressions, path, here):

@@ -14,7 +14,6 @@ from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions.evaluation import (
-    bare_expressions,
     evaluate,
     evaluate_bare,
     expressions_in,
@@ -67,7 +66,7 @@ class ExpectStep(FallibleStep, kind="expect"):
     @override
     def attempt(self, action: StepAction) -> Coroutine:
         expression, _ = parse_bare(self.expect)
-        expressions = [expression, *bare_expressions(self.equals), *expressions_in(self.says)]
+        expressions = [expression, *expressions_in(self.equals, is_bare=True), *expressions_in(self.says)]
         names = yield from action.run.read(action.context, expressions)
         found = to_plain(evaluate(expression, names), self.expect)
         if self.equals is None:

@@ -84,7 +84,7 @@ class ForStep(LoopStep, kind="for"):
         self, check: RobotCheck, path: YamlPath, here: RobotScope
     ) -> Sequence[object] | Expression | None:
         values = self.values
-        expressions = list(expressions_in(values))
+        expressions = expressions_in(values)
         if isinstance(values, tuple) and not expressions:
             return values
         if not here.are_known(expressions):
@@ -115,7 +115,7 @@ class ForStep(LoopStep, kind="for"):
     @override
     def perform_inside(self, run: RunContext, context: ExecutionContext, path: str) -> Coroutine:
         name, values = self.variable, self.values
-        expressions = list(expressions_in(values))
+        expressions = expressions_in(values)
         found: Any = values
         if expressions:
             found = yield from compute(run, context, self, f"{path}.for.{name}", f"for {name}", expressions, self._list)

@@ -72,8 +72,8 @@ class FormationStep(TimedStep, kind="formation"):
         for _ in known_places(check, (self.formation.at,), (*where, "at"), here):
             pass
         wanted = (self.formation.shape, self.formation.spacing_m)
-        if here.are_known(list(expressions_in(wanted))):
-            for _, names in check.combinations(list(expressions_in(wanted)), where, here):
+        if here.are_known(expressions_in(wanted)):
+            for _, names in check.combinations(expressions_in(wanted), where, here):
                 try:
                     self._goals(dict.fromkeys(check.regular(inside), (0.0, 0.0)), (0.0, 0.0, 0.0), names)
                 except EALError as error:

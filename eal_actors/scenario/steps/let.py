@@ -12,7 +12,7 @@ from eal_actors.kernel.strict_model import NAMES_ONLY
 from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
-from eal_actors.scenario.language.expressions.evaluation import bare_expressions, evaluate_bare
+from eal_actors.scenario.language.expressions.evaluation import evaluate_bare, expressions_in
 from eal_actors.scenario.language.scenario import Keys, Show
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
 from eal_actors.scenario.language.values import Value, VariableName, not_empty
@@ -51,5 +51,5 @@ class LetStep(FallibleStep, kind="let"):
     @override
     def attempt(self, action: StepAction) -> Coroutine:
         for name, value in self.let.items():
-            names = yield from action.evaluate(bare_expressions(value))
+            names = yield from action.evaluate(expressions_in(value, is_bare=True))
             action.run.assign(action.context, name, evaluate_bare(value, names))

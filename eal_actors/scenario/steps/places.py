@@ -81,7 +81,7 @@ def known_places(
 
     What is no place, and names that the fleet's world does not have, are reported.
     """
-    expressions = list(expressions_in(values))
+    expressions = expressions_in(values)
     if not here.are_known(expressions):
         return
     for robots, names in check.combinations(expressions, path, here):

@@ -144,7 +144,7 @@ class ScenarioStep(BlockStep, kind="scenario"):
         constants: dict[str, object] = dict(part.parameters)
         for name, value in self.with_.items():
             at = (*path, "with", name)
-            expressions = list(expressions_in(value))
+            expressions = expressions_in(value)
             names = {found.name for expression in expressions for found in expression.names}
             constants.pop(name, None)
             if not names <= set(here.values.constants) or any(expression.readings for expression in expressions):

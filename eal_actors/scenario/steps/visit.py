@@ -78,7 +78,7 @@ class VisitStep(LoopStep, kind="visit"):
 
     @override
     def robots_inside(self, check: RobotCheck, path: YamlPath, here: RobotScope, keys: Keys) -> RobotScope:
-        is_plain = isinstance(self.visit, tuple) and not list(expressions_in(self.visit))
+        is_plain = isinstance(self.visit, tuple) and not expressions_in(self.visit)
         values = self.visit if is_plain and isinstance(self.visit, tuple) else None
         return replace(here, values=here.values.within(StaticLoop(PLACE, values)))
 

@@ -199,9 +199,7 @@ def to_plain(value: object, what: str) -> Any:
 
 
 def _as_lists(value: Any) -> Any:
-    if not isinstance(value, tuple | list):
-        return value
-    return [_as_lists(item) if isinstance(item, tuple | list) else item for item in value]
+    return [_as_lists(item) for item in value] if isinstance(value, tuple | list) else value
 
 
 def _look_up(name: str, names: Namespace) -> object:
@@ -254,16 +252,6 @@ class _Evaluator(SimpleEval):  # type: ignore[misc]  # simpleeval has no types
 
 
 # Texts.
-
-
-def expressions_in(value: object) -> Iterator[Expression]:
-    """Yield the expressions in a value, item by item if it is a list."""
-    if isinstance(value, tuple | list):
-        for item in value:
-            yield from expressions_in(item)
-    elif isinstance(value, str) and "${" in value:
-        for expression, _ in parse_template(value).expressions():
-            yield expression
 
 
 def render(value: object, names: Namespace) -> object:
@@ -333,13 +321,6 @@ def evaluate_bare(value: object, names: Namespace) -> Any:
     return evaluate(parse_bare(value)[0], names) if isinstance(value, str) else value
 
 
-def bare_expressions(value: object) -> list[Expression]:
-    """Return the expressions of a value whose texts are expressions without `${}`."""
-    if isinstance(value, tuple | list):
-        return [expression for item in value for expression in bare_expressions(item)]
-    return [parse_bare(value)[0]] if isinstance(value, str) else []
-
-
 # Expressions in steps.
 
 
@@ -362,3 +343,8 @@ def locate_expressions(keys: YamlPath, value: object, *, is_bare: bool = False) 
             return
         for expression, offset in (parse_bare(value),) if is_bare else parse_template(value).expressions():
             yield LocatedExpression(expression, keys, value, offset)
+
+
+def expressions_in(value: object, *, is_bare: bool = False) -> list[Expression]:
+    """Return the expressions of a value, or of the items of a list; see `locate_expressions`."""
+    return [located.expression for located in locate_expressions((), value, is_bare=is_bare)]
