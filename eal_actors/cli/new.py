@@ -92,7 +92,7 @@ def new_fleet(
     kind = robot or _ask(f"Type of the robots ({', '.join(twins)})", next(iter(twins)))
     if kind not in twins:
         raise typer.BadParameter(f"unknown type {kind!r}{did_you_mean(kind, twins)}", param_hint="'--robot'")
-    number = count or _ask_number("How many robots", 3, (1, _MOST_ROBOTS))
+    number = count or _ask_number("How many robots", (1, _MOST_ROBOTS))
     twin = twins[kind]
     settings = yaml.safe_dump(twin.settings, default_flow_style=True, width=1000).strip()
     line = f"{kind}-1: {{type: {kind}}}" if number == 1 else f'"{kind}-{{n}}": {{type: {kind}, count: {number}}}'
@@ -143,7 +143,7 @@ def new_world(
         why = f"must be such as 6x4, from {least_m:g} to {most_m:g} m, not {answer!r}"
         raise typer.BadParameter(why, param_hint="'--size'")
     width_m, depth_m = sides
-    number = obstacles if obstacles is not None else _ask_number("How many obstacles", 3, (0, 50))
+    number = obstacles if obstacles is not None else _ask_number("How many obstacles", (0, 50))
     spots = _spots(width_m, depth_m)
     if number > len(spots):
         why = f"a room of {width_m:g} x {depth_m:g} m has space for {len(spots)}"
@@ -171,8 +171,8 @@ def _ask(question: str, default: str) -> str:
     return str(typer.prompt(question, default=default, err=True)) if sys.stdin.isatty() else default
 
 
-def _ask_number(question: str, default: int, limits: tuple[int, int]) -> int:
-    answer = _ask(question, str(default))
+def _ask_number(question: str, limits: tuple[int, int]) -> int:
+    answer = _ask(question, "3")
     least, most = limits
     if not (answer.isascii() and answer.isdigit() and least <= int(answer) <= most):
         raise typer.BadParameter(f"{question}: must be a number from {least} to {most}, not {answer!r}")

@@ -32,9 +32,8 @@ def new_run_folder(runs_dir: Path, scenario: str) -> Path:
         try:
             directory.mkdir(parents=True)
         except OSError as error:
-            if not (
-                isinstance(error, FileExistsError) and directory.exists()
-            ):  # not a parent that is a link to nothing
+            is_taken = isinstance(error, FileExistsError) and directory.exists()  # else a parent is a link to nothing
+            if not is_taken:
                 raise file_error(error.filename or directory, f"cannot be made: {error.strerror}") from error
             number += 1
         else:
