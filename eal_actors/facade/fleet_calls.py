@@ -14,7 +14,6 @@ from eal_actors.facade.synchronized_start import Command, SynchronizedCommands, 
 from eal_actors.facade.tasks import TaskGroup
 from eal_actors.facade.traffic.travelling import TravellingRobots
 from eal_actors.kernel.clock import Clock
-from eal_actors.kernel.errors import ArgumentError
 
 R = TypeVar("R")
 
@@ -111,14 +110,6 @@ class FleetCalls(TravellingRobots, Mapping[str, RobotHandle]):
         """
         handles = [robot[resource] for robot in self._chosen(robots)]
         return by_robot(handles, send_many(handles, cmd, data, timeout_s), return_exceptions=return_exceptions)
-
-    def _chosen(self, robots: Iterable[RobotHandle | str]) -> list[RobotHandle]:
-        """Return the handles of robots or names; raise ArgumentError if one is given twice."""
-        chosen = [robots] if isinstance(robots, str | RobotHandle) else robots  # not its letters or resources
-        handles = [self[robot] if isinstance(robot, str) else robot for robot in chosen]
-        if len(set(handles)) != len(handles):
-            raise ArgumentError(f"a robot is given twice: {', '.join(robot.name for robot in handles)}")
-        return handles
 
     def tasks(self, timeout_s: float | None = None) -> TaskGroup:
         """Return a group of tasks, for a `with` block: different functions at the same time, which end together.

@@ -172,3 +172,6 @@ def test_the_same_in_python(hall: Simulation) -> None:
             hall.fleet.form(["a", "b"], "heart", spacing_m=1.0)
         with pytest.raises(PlaceNotFoundError):
             hall.fleet.form(["a", "b"], "line", spacing_m=1.0, at="esat")
+        with pytest.raises(ArgumentError, match="a robot is given twice: a, a"):
+            hall.fleet.form(["a", "a"], "line", spacing_m=1.0)
+        assert hall.fleet.form("a", "line", spacing_m=1.0, at="north").get() == {"a": 1}

@@ -110,7 +110,7 @@ class TravellingRobots:
             fleet.form(fleet.select(tags=["tracked"]), "wedge", spacing_m=1.0, at="dock").get()
 
         Args:
-            robots: the robots, or their names.
+            robots: the robots or their names, each once.
             shape: line, column, grid, circle or wedge.
             spacing_m: distance between neighbours.
             at: the centre, as for `go_to`; the shape faces its heading.
@@ -118,16 +118,24 @@ class TravellingRobots:
 
         Raises:
             EALError: as for `go_to`, or a robot's pose cannot be read.
-            ArgumentError: there is no such shape, or a number is out of its range.
+            ArgumentError: a robot is given twice, there is no such shape, or a number is out of its range.
 
         Thread: any; blocks the caller until the poses of the robots are known.
         """
         from eal_actors.facade.traffic.formations import formation_goals  # pydantic and the world are slow to import
 
-        handles = [robot if isinstance(robot, RobotHandle) else self[robot] for robot in robots]
-        poses = by_robot([robot["Pose"] for robot in handles], read_many([robot["Pose"] for robot in handles])).get()
+        resources = [robot["Pose"] for robot in self._chosen(robots)]
+        poses = by_robot(resources, read_many(resources)).get()
         starts = {name: (float(pose.value[0]), float(pose.value[1])) for name, pose in poses.items()}
         return self.go_to(formation_goals(starts, shape, spacing_m, self.pose_at(at)), timeout_s=timeout_s)
+
+    def _chosen(self, robots: Iterable[RobotHandle | str]) -> list[RobotHandle]:
+        """Return the handles of robots or names; raise ArgumentError if one is given twice."""
+        chosen = [robots] if isinstance(robots, str | RobotHandle) else robots  # not its letters or resources
+        handles = [self[robot] if isinstance(robot, str) else robot for robot in chosen]
+        if len(set(handles)) != len(handles):
+            raise ArgumentError(f"a robot is given twice: {', '.join(robot.name for robot in handles)}")
+        return handles
 
     def pose_at(self, place: Place) -> tuple[float, float, float]:
         """Return x_m, y_m and yaw_deg of a place; the heading is 0 if the place has none.
