@@ -70,7 +70,9 @@ class _Stage:
         self._bounds = _bounds(paths, world)
         left_m, low_m, right_m, high_m = self._bounds
         self._per_m = _SHARPNESS * _LONGEST_PX / max(right_m - left_m, high_m - low_m)
-        self._size = round((right_m - left_m) * self._per_m), round((high_m - low_m) * self._per_m)
+        sides_m = right_m - left_m, high_m - low_m
+        width, height = (max(_SHARPNESS, round(side_m * self._per_m)) for side_m in sides_m)  # a path may be straight
+        self._size = width, height
         self._empty = self._arena(world)
 
     def times_s(self) -> Iterator[float]:

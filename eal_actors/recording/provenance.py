@@ -80,7 +80,7 @@ def kept_scenario(directory: Path) -> Path:
     if not scenario.is_file():
         return scenario
     text = scenario.read_text(encoding="utf-8")
-    files = sorted((directory / SCENARIOS).rglob("*.yaml"))
+    files = sorted(file for file in (directory / SCENARIOS).rglob("*") if file.is_file())
     return next((file for file in files if file.read_text(encoding="utf-8") == text), scenario)
 
 

@@ -8,15 +8,26 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.clock import ScaledClock
 from eal_actors.kernel.lock_step import MAX
 from eal_actors.managers.config import EALConfigManager
-from eal_actors.recording import PoseRecorder, PoseSample, RunRecorder, draw_trajectory, picture
+from eal_actors.recording import (
+    PoseRecorder,
+    PoseSample,
+    RunFolder,
+    RunRecorder,
+    draw_trajectory,
+    film_run,
+    keep_provenance,
+    picture,
+)
 from eal_actors.recording.picture import tick_quarter_turns
 from eal_actors.recording.poses import TrajectoryTable
+from eal_actors.recording.provenance import kept_scenario
 from eal_actors.scenario import Run, load_scenario, make_plan
 from tests.figures import keep_figures
 from tests.patience import patient_fleet
@@ -231,3 +242,21 @@ def test_ticks_of_headings_are_quarter_turns_apart(range_deg: tuple[float, float
 
     low_deg, high_deg = range_deg
     assert [tick for tick in axes.get_yticks() if low_deg <= tick <= high_deg] == list(expected)
+
+
+def test_a_straight_path_of_kilometres_has_a_film(tmp_path: Path) -> None:
+    (tmp_path / "trajectory.csv").write_text("robot,time_s,x_m,y_m,yaw_rad\na,0,0,0,0\na,900,3000,0,0\n")
+    film = film_run(RunFolder(tmp_path), None)
+    assert film is not None
+    with Image.open(film) as opened:
+        assert opened.size == (560, 1)
+
+
+def test_a_kept_scenario_finds_those_that_it_runs_whatever_its_suffix(tmp_path: Path) -> None:
+    head = "version: 1\nname: x\nroles: {all: {}}\nsteps:\n"
+    (tmp_path / "top.yml").write_text(f"{head}- scenario: part.yml\n")
+    (tmp_path / "part.yml").write_text(f"{head}- on: all\n  do: [{{log: x}}]\n")
+    run = tmp_path / "run"
+    run.mkdir()
+    keep_provenance(run, Fleet.load("sim").config, load_scenario(tmp_path / "top.yml"))
+    assert load_scenario(kept_scenario(run)).size == 3
