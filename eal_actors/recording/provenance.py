@@ -101,21 +101,19 @@ def versions() -> dict[str, str]:
     return found
 
 
-def _without_secrets(value: Any) -> Any:
+def _without_secrets(value: Any, *, is_secret: bool = False) -> Any:
     if isinstance(value, Mapping):
         return {
-            key: _HIDDEN if _SECRET_KEY.fullmatch(str(key)) and _is_scalar(item) else _without_secrets(item)
+            key: _without_secrets(item, is_secret=_SECRET_KEY.fullmatch(str(key)) is not None)
             for key, item in value.items()
         }
     if isinstance(value, list):
-        return [_without_secrets(item) for item in value]
+        return [_without_secrets(item, is_secret=is_secret) for item in value]
+    if is_secret and value is not None:
+        return _HIDDEN
     if isinstance(value, str):
         return _QUERY.sub(rf"\1{_HIDDEN}", _PASSWORD.sub(rf"\1:{_HIDDEN}@", value))
     return value
-
-
-def _is_scalar(value: object) -> bool:
-    return value is not None and not isinstance(value, Mapping | list)
 
 
 def _as_yaml(content: Mapping[str, Any]) -> str:

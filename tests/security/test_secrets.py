@@ -253,6 +253,7 @@ def _until(page: Any, text: str) -> list[str]:
         ({"source": f"rtsp://:{PASSWORD}@cam/1"}, {"source": "rtsp://:***@cam/1"}),
         ({"source": f"http://cam/live?user=me&pwd={PASSWORD}"}, {"source": "http://cam/live?***"}),
         ({"deep": {"list": [{"client_secret": PASSWORD}]}}, {"deep": {"list": [{"client_secret": "***"}]}}),
+        ({"token": [PASSWORD, None], "secret": {"user": "me"}}, {"token": ["***", None], "secret": {"user": "me"}}),
         ({"speed_m_s": 0.2, "tokens": 3}, {"speed_m_s": 0.2, "tokens": 3}),
     ],
 )
