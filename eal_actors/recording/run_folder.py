@@ -87,8 +87,8 @@ class RunFolder:
                 if number == len(lines):
                     break
                 raise ScenarioError(f"{file}:{number}: is no event: {error}") from error
-            if not isinstance(event, dict) or not {"event", "time_s"} <= event.keys():
-                raise ScenarioError(f"{file}:{number}: is no event: 'event' or 'time_s' is missing")
+            if not (isinstance(event, dict) and "event" in event and isinstance(event.get("time_s"), int | float)):
+                raise ScenarioError(f"{file}:{number}: is no event: it needs 'event' and 'time_s', a number")
             events.append(event)
         return tuple(events)
 

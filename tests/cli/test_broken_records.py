@@ -38,6 +38,7 @@ def test_no_folder_and_no_run(eal: Any, tmp_path: Path, run: Path) -> None:
     [
         ("events.jsonl", b"5\n", ("report", "diff")),
         ("events.jsonl", b"{}\n", ("report", "diff")),
+        ("events.jsonl", b'{"event": "log", "time_s": "x"}\n', ("report", "diff")),
         ("events.jsonl", b"\xff\xfe\n{}\n", ("report", "diff")),
         ("summary.json", b"null", ("report",)),
         ("trajectory.csv", b"\xff\xfe\n1\n", ("report", "diff")),
