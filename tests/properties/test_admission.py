@@ -203,12 +203,12 @@ class AdmissionMachine(RuleBasedStateMachine):
     @invariant()
     def tells_who_holds_what(self) -> None:
         expected = {name: holder for name in ACTUATORS if (holder := self.holder(name)) is not None}
-        assert self.admission._leases.holders(self.clock.now()) == expected
+        assert self.admission._commanders.holders(self.clock.now()) == expected
 
     @invariant()
     def nothing_moves_unwatched(self) -> None:
         """Whatever moves has somebody who answers for it, and is due as soon as he is silent."""
-        now_s, due_s = self.clock.now(), self.admission._dead_man.due_s
+        now_s, due_s = self.clock.now(), self.admission._commanders.due_s
         assert due_s == min((last.heard_s + DEAD_MAN_S for last in self.moving.values()), default=None)
         assert all(last.heard_s <= now_s for last in self.moving.values())
 

@@ -20,7 +20,7 @@ from eal_actors.kernel.clock import REAL_TIME, Clock, new_waiter
 from eal_actors.kernel.errors import EALError, PreemptedError, ResourceBusyError, StaleCommandError, UnsupportedError
 from eal_actors.kernel.log import get_logger
 from eal_actors.operate.dashboard.control import ControlRegistry
-from eal_actors.wire.rpc.server.leases import DeadManSwitch
+from eal_actors.wire.rpc.server.leases import Commanders
 
 SILENCE_S: Final = 0.3
 """Real seconds without a message from the browser after which its robot is halted."""
@@ -62,7 +62,7 @@ class Teleop:
         self._control = control
         self._clock = clock
         self._lock = threading.Lock()
-        self._dead_man = DeadManSwitch(SILENCE_S)
+        self._dead_man = Commanders(SILENCE_S)
         self._presses: dict[str, _Press] = {}
         self._ended: dict[str, int] = {}
         self._waiter = new_waiter()
@@ -106,7 +106,7 @@ class Teleop:
             if current is None:
                 self._control.acquire(robot, DRIVE_RESOURCE, browser)
             self._presses[robot] = _Press(browser, press, on_error)
-            self._dead_man.commanded(browser, robot, now_s)
+            self._dead_man.command(browser, robot, now_s)
             answer = base.set_value(list(twist))
         self._clock.wake(self._waiter)
         answer.add_done_callback(lambda done: self._on_answer(robot, browser, press, done))

@@ -1,7 +1,7 @@
 """Admission control: decides which commands a robot begins.
 
-A command must be fresh and new (`CommandHistory`) and its controller must hold the resource (`Leases`); from then on
-the controller must stay alive (`DeadManSwitch`). One lock guards all three, since any thread may receive a message.
+A command must be fresh and new (`CommandHistory`), its controller must hold the resource, and stay alive from then on
+(`Commanders`). One lock guards both, since any thread may receive a message.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from eal_actors.wire.format.keys import ANYBODY, certificate_id, client_id
 from eal_actors.wire.format.messages import Answer, CallHeader, CallId
 from eal_actors.wire.format.packing import MAX_CALL_BYTES
 from eal_actors.wire.rpc.freshness import CommandHistory, CommandRecord
-from eal_actors.wire.rpc.server.leases import DeadManSwitch, LastCommander, Leases
+from eal_actors.wire.rpc.server.leases import Commanders, LastCommander
 
 _CLAIMING: Final = MOTION_METHODS | {"set_config"}
 """Methods that require the lease of an exclusive resource."""
@@ -86,8 +86,7 @@ class Admission:
         self._history: CommandHistory[Answer] = CommandHistory(era)
         self._large: OrderedDict[CallId, int] = OrderedDict()
         self.names: Final = ControllerNames()
-        self._leases = Leases(exclusive, dead_man_s, self.names.of)
-        self._dead_man = DeadManSwitch(dead_man_s)
+        self._commanders = Commanders(dead_man_s, exclusive, self.names.of)
         self.quiet_until_s = math.inf
 
     def check(self, header: CallHeader, method: str, resource: str) -> tuple[CallId, float, float, float]:
@@ -106,17 +105,16 @@ class Admission:
                 if left_s <= 0:
                     raise DeadlineError(f"{method} came {-left_s:.3f} s too late for its deadline; it was not executed")
                 if method in _CLAIMING:
-                    self._leases.claim(header.client, resource, now_s)
+                    moves = method in MOTION_METHODS
+                    self._commanders.command(header.client, resource, now_s, moves=moves)
+                    if moves:
+                        self.quiet_until_s = min(self.quiet_until_s, now_s + self._commanders.dead_man_s)
+                else:
+                    self._commanders.heard(header.client, now_s)
             except EALError as error:
                 self._history.finish(call_id, _kept(error))
-                self._dead_man.heard(header.client, now_s)  # a refused command proves life too
+                self._commanders.heard(header.client, now_s)  # a refused command proves life too
                 raise
-            if method in MOTION_METHODS:
-                self._dead_man.commanded(header.client, resource, now_s)
-                if self.quiet_until_s > now_s + self._dead_man.dead_man_s:
-                    self.quiet_until_s = now_s + self._dead_man.dead_man_s
-            else:
-                self._dead_man.heard(header.client, now_s)
         return call_id, now_s, sent_s + header.ttl_s - now_s, left_s
 
     def note_stop(self, header: CallHeader, resource: str) -> None:
@@ -125,7 +123,7 @@ class Admission:
             with contextlib.suppress(StaleCommandError):  # then the overtaken commands are stale too
                 self._history.accept(header, resource, self._clock.now())
                 self._history.finish(header.call_id, 1)
-            self._dead_man.halted(resource)
+            self._commanders.halted(resource)
 
     def finish(self, call: CallId, outcome: Answer) -> None:
         """Record the outcome of an admitted command."""
@@ -160,40 +158,36 @@ class Admission:
     def heard(self, client: str) -> None:
         """Note a controller's heartbeat."""
         with self._guard:
-            now_s = self._clock.now()
-            self._dead_man.heard(client, now_s)
-            self._leases.heard(client, now_s)
+            self._commanders.heard(client, self._clock.now())
 
     def leave(self, client: str) -> tuple[str, ...]:
         """End a controller's leases; returns the resources to halt."""
         with self._guard:
-            self._leases.leave(client)
-            return self._dead_man.leave(client)
+            return self._commanders.leave(client)
 
     def clients_of(self, caller: str) -> list[str]:
         """Return the controllers with the certificate of a name that hold or move anything."""
         with self._guard:
-            clients = self._dead_man.clients.union(self._leases.holders(self._clock.now()).values())
+            clients = self._commanders.clients(self._clock.now())
         return sorted(client for client in clients if certificate_id(client) == certificate_id(client_id(caller, "")))
 
     def release(self, client: str, resources: Sequence[str]) -> tuple[str, ...]:
         """End a controller's leases of some resources; returns those to halt."""
         with self._guard:
-            self._leases.leave(client, resources)
-            return self._dead_man.leave(client, resources)
+            return self._commanders.leave(client, resources)
 
     def silences(self) -> tuple[LastCommander, ...]:
         """Return the resources to halt now because their controllers are silent; each silence is returned once."""
         with self._guard:
-            due = self._dead_man.due(self._clock.now())
-            next_s = self._dead_man.due_s
+            due = self._commanders.due(self._clock.now())
+            next_s = self._commanders.due_s
             self.quiet_until_s = math.inf if next_s is None else next_s
         return due
 
     def holders(self) -> dict[str, str]:
         """Return the clients that hold leases, by resource."""
         with self._guard:
-            return self._leases.holders(self._clock.now())
+            return self._commanders.holders(self._clock.now())
 
 
 def _kept(error: EALError) -> EALError:

@@ -9,17 +9,17 @@ renew all its leases. A lease ends when it is released, or when its holder was s
 - An ended lease stays ended: a late heartbeat does not revive it. Its former holder may claim it like anybody else.
 Reading needs no lease. Halts and stops are for everybody, and neither take nor end a lease.
 
-Dead-man's switch. The client that commanded a resource last is responsible for it. A heartbeat or any command proves
-that a client is alive. For each silence of a client:
+Dead-man's switch. The client that moved a resource last is responsible for it. A heartbeat or any command proves that a
+client is alive. For each silence of a client:
 - A resource is due for a halt as soon as its client was silent for `dead_man_s`, and is returned once.
 - Such a silence is never missed: a later heartbeat does not undo it, even if `due` was not called in between. So a
   robot that was itself frozen for longer than `dead_man_s` halts when it wakes, whatever old heartbeats arrive.
-- A resource that another client has commanded since is not halted because of the earlier client.
+- A resource that another client has moved since is not halted because of the earlier client.
 Limit: a heartbeat counts from its arrival. After a stall of the link, or a freeze of the robot, that is shorter than
 `dead_man_s`, a halt may come up to twice `dead_man_s` after the controller's last heartbeat was sent.
 
-A lease and its dead-man's switch end in the same instant, since both are a table of the same kind. Ask
-`DeadManSwitch.due` first, so that the former holder's resource is halted before the next one's command.
+A lease and its dead-man's switch end in the same instant, since both are the same entry. Ask `due` first, so that the
+former holder's resource is halted before the next one's command.
 """
 
 from __future__ import annotations
@@ -40,24 +40,43 @@ class LastCommander(NamedTuple):
     heard_s: float
 
 
-class _Commanders:
-    """Table of the resources' last commanders; at most one entry a resource. Thread: one at a time.
+class Commanders:
+    """Table of the resources' last commanders: who holds each, and who is responsible for what moves.
 
-    All times are the robot's clock in seconds, and do not decrease from call to call. A client may be silent for
-    `dead_man_s` seconds, 0.1..60; ArgumentError if it is none of these.
+    All times are the robot's clock in seconds, and do not decrease from call to call. Thread: one at a time.
+
+    Args:
+        dead_man_s: seconds for which a client may be silent, 0.1..60; ArgumentError if it is none of these.
+        exclusive: the resources that one client at a time may command.
+        name_of: returns the display name of a client.
     """
 
-    def __init__(self, dead_man_s: float) -> None:
+    def __init__(self, dead_man_s: float, exclusive: Iterable[str] = (), name_of: Callable[[str], str] = str) -> None:
         least_s, most_s = _DEAD_MAN_RANGE_S
         if not least_s <= dead_man_s <= most_s:
             raise ArgumentError(f"dead_man_s must be {least_s:g}..{most_s:g} s, not {dead_man_s!r}")
         self.dead_man_s: Final = dead_man_s
+        self._exclusive = frozenset(exclusive)
+        self._name_of = name_of
         self._last: dict[str, LastCommander] = {}
+        self._moving: set[str] = set()
 
-    def commanded(self, client: str, resource: str, now_s: float) -> None:
-        """Make a client responsible for a resource, in place of any other; this proves that it is alive."""
-        if len(self._last) > (resource in self._last):  # others
-            self.heard(client, now_s)
+    def command(self, client: str, resource: str, now_s: float, *, moves: bool = True) -> None:
+        """Note a command, which proves that its client is alive, and grant the lease of an exclusive resource.
+
+        From a command that moves it on, the client is responsible for the resource. Raises ResourceBusyError if another
+        client holds it.
+        """
+        self.heard(client, now_s)
+        last = self._last.get(resource)
+        if last is not None and last.client != client and self._is_held(last, now_s):
+            left_s, holder = self._end_s(last) - now_s, self._name_of(last.client)
+            why = f"held by controller {holder}, until it releases it or is silent for {left_s:.2f} s more"
+            raise ResourceBusyError(why, resource=resource)
+        if moves:
+            self._moving.add(resource)
+        elif resource in self._moving or resource not in self._exclusive:  # what moves is halted first
+            return
         # LastCommander() takes several times as long, in every command.
         self._last[resource] = tuple.__new__(LastCommander, (resource, client, now_s))
 
@@ -68,66 +87,40 @@ class _Commanders:
                 self._last[resource] = tuple.__new__(LastCommander, (resource, client, now_s))
 
     def leave(self, client: str, among: Container[str] | None = None) -> tuple[str, ...]:
-        """Remove a client's resources, all if `among` is None; returns them sorted."""
-        owned = {resource for resource, last in self._last.items() if last.client == client}
-        resources = sorted(resource for resource in owned if among is None or resource in among)
-        for resource in resources:
+        """End a client's leases, all if `among` is None; returns what it moves there, sorted, which is to be halted."""
+        mine = {name for name, last in self._last.items() if last.client == client}
+        owned = mine if among is None else {name for name in mine if name in among}
+        for resource in owned:
             del self._last[resource]
-        return tuple(resources)
-
-    def _end_s(self, last: LastCommander) -> float:
-        return last.heard_s + self.dead_man_s
-
-
-class Leases(_Commanders):
-    """Leases of a robot's exclusive resources; `name_of` returns the display name of a client."""
-
-    def __init__(self, exclusive: Iterable[str], dead_man_s: float, name_of: Callable[[str], str] = str) -> None:
-        super().__init__(dead_man_s)
-        self.exclusive: Final = frozenset(exclusive)
-        self._name_of = name_of
-
-    def claim(self, client: str, resource: str, now_s: float) -> None:
-        """Renew a client's leases, and grant that of a resource; ResourceBusyError if another client holds it."""
-        lease = self._last.get(resource)
-        if resource not in self.exclusive:
-            self.heard(client, now_s)
-        elif lease is None or lease.client == client or now_s >= self._end_s(lease):
-            self.commanded(client, resource, now_s)
-        else:
-            self.heard(client, now_s)
-            left_s = self._end_s(lease) - now_s
-            holder = self._name_of(lease.client)
-            raise ResourceBusyError(
-                f"held by controller {holder}, until it releases it or is silent for {left_s:.2f} s more",
-                resource=resource,
-            )
+        moving = owned & self._moving
+        self._moving -= moving
+        return tuple(sorted(moving))
 
     def holders(self, now_s: float) -> dict[str, str]:
         """Return the holding clients by resource, sorted by resource."""
-        return {name: lease.client for name, lease in sorted(self._last.items()) if now_s < self._end_s(lease)}
+        return {name: last.client for name, last in sorted(self._last.items()) if self._is_held(last, now_s)}
 
-
-class DeadManSwitch(_Commanders):
-    """Watches the clients that command a robot's resources."""
+    def clients(self, now_s: float) -> set[str]:
+        """Return the clients that hold or move anything."""
+        return {self._last[resource].client for resource in self._moving}.union(self.holders(now_s).values())
 
     @property
     def due_s(self) -> float | None:
         """Robot's time of the next halt unless its client is heard before; None if nothing is watched."""
-        return min(map(self._end_s, self._last.values()), default=None)
-
-    @property
-    def clients(self) -> set[str]:
-        """The clients that are responsible for a resource."""
-        return {last.client for last in self._last.values()}
+        return min((self._end_s(self._last[resource]) for resource in self._moving), default=None)
 
     def halted(self, resource: str) -> None:
-        """Forget a resource that was halted by anybody."""
-        self._last.pop(resource, None)
+        """Note that a resource was halted by anybody."""
+        self._moving.discard(resource)
 
     def due(self, now_s: float) -> tuple[LastCommander, ...]:
-        """Return the resources to halt now, sorted, and forget them: each silence is returned once."""
-        due = [last for last in self._last.values() if now_s >= last.heard_s + self.dead_man_s]
-        for silent in due:
-            del self._last[silent.resource]
-        return tuple(sorted(due))
+        """Return the resources to halt now, sorted; each silence is returned once."""
+        due = sorted(last for name in self._moving if now_s >= self._end_s(last := self._last[name]))
+        self._moving.difference_update(last.resource for last in due)
+        return tuple(due)
+
+    def _is_held(self, last: LastCommander, now_s: float) -> bool:
+        return last.resource in self._exclusive and now_s < self._end_s(last)
+
+    def _end_s(self, last: LastCommander) -> float:
+        return last.heard_s + self.dead_man_s
