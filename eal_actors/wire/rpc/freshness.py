@@ -45,7 +45,7 @@ from typing import Final, Generic, NoReturn, TypeVar
 
 from eal_actors.kernel.errors import StaleCommandError, UnavailableError
 from eal_actors.wire.format.keys import certificate_id
-from eal_actors.wire.format.messages import CallHeader, CallId, RobotTime
+from eal_actors.wire.format.messages import CallHeader, CallId
 
 T = TypeVar("T")
 
@@ -68,52 +68,45 @@ _EPOCH_AT: Final = 64
 
 
 class Stamper:
-    """Numbers and stamps the commands of one client to one robot. Thread: one at a time.
+    """Numbers and stamps the commands of one client to one robot. Thread: one at a time, except `number` and `heard`.
 
-    Times are the controller's clock in seconds, and do not decrease from call to call. Commands to a resource must be
-    sent in the order of their stamps. `epoch` is the number of the connection to the robot. `number` returns the number
-    of the next call, for calls that are no commands, in any thread; any may also call `hear`.
+    Times are the controller's clock in seconds. Commands to a resource must be sent in the order of their stamps.
+    `epoch` is the number of the connection to the robot. `number` returns the number of the next call, for calls that
+    are no commands.
     """
 
     def __init__(self, client: str) -> None:
         self.client: Final = client
         self.epoch = 0
         self.number: Final[Callable[[], int]] = itertools.count(1).__next__
-        self._era: str | None = None
-        self._echo_s = 0.0
-        self._came_s = 0.0
-        self._news: tuple[RobotTime, float] | None = None
+        self._echo: tuple[str, float, float] | None = None  # replaced as a whole: whichever is kept is a true bound
 
     def reconnect(self) -> None:
         """Begin a new epoch: once the robot knows it (`CommandHistory.enter`), it refuses earlier commands."""
         self.epoch += 1
 
-    def hear(self, time: RobotTime, now_s: float) -> None:
-        """Leave the robot's clock of a reply for `heard`, which the next stamp calls. Thread: any."""
-        self._news = time, now_s
-
     def heard(self, era: str, robot_s: float, now_s: float) -> None:
         """Note the robot's clock from a reply or an event of a run of its server; the most precise echo is kept.
 
         The robot has read its clock before it sent the reply, the controller reads its own after the reply arrived.
+        Thread: any.
         """
-        held_s = now_s - self._came_s
-        if era != self._era or held_s >= _RENEWAL_S or robot_s >= self._echo_s + held_s * (1 - MAX_DRIFT):
-            self._era, self._echo_s, self._came_s = era, robot_s, now_s
+        if self._echo is not None:
+            known, echo_s, came_s = self._echo
+            held_s = now_s - came_s
+            if era == known and held_s < _RENEWAL_S and robot_s < echo_s + held_s * (1 - MAX_DRIFT):
+                return
+        self._echo = era, robot_s, now_s
 
     def stamp(self, now_s: float) -> tuple[int, str, float, float]:
         """Return the number of the next command and its stamp: era, echo_s and held_s; see CallHeader.
 
         `now_s` is read before sending. Raises UnavailableError if the robot has not replied yet, so there is no echo.
         """
-        news = self._news
-        if news is not None and news[1] <= now_s:  # a later one is for the next command
-            self._news = None
-            (era, time_s, _), heard_s = news
-            self.heard(era, time_s, heard_s)
-        if self._era is None:
+        if self._echo is None:
             raise UnavailableError("the robot has not answered yet: without its clock no command can be sent")
-        return self.number(), self._era, self._echo_s, now_s - self._came_s
+        era, echo_s, came_s = self._echo
+        return self.number(), era, echo_s, max(now_s - came_s, 0.0)  # an echo may come after that reading
 
 
 @dataclass(frozen=True, slots=True)

@@ -257,7 +257,7 @@ class CallQueue:
         except ProtocolError as error:
             sequence, answer, time = 0, error, None
         if time is not None:
-            self._channel.stamper.hear(time, REAL_TIME.now())
+            self._channel.stamper.heard(time.era, time.time_s, REAL_TIME.now())
         pending = self._channel.pending.calls.pop(sequence, None)
         if type(pending) is SentCall:
             self.conclude(pending.call, pending.call_id, answer, time)

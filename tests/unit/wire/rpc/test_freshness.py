@@ -375,3 +375,9 @@ def test_the_certificate_with_most_clients_loses_one_of_its_own() -> None:
     for number in range(9):
         history.enter("b" * 16 + f"{number:016x}", 1, 101.0)
     assert history.recall(quiet.call_id) == CommandRecord(True, 1)
+
+
+def test_an_echo_that_comes_after_the_clock_was_read_makes_no_command_from_the_future() -> None:
+    stamper = Stamper("ann")
+    stamper.heard("run", 500.0, 10.25)
+    assert stamped(stamper, 1.0, 10.0).held_s == 0.0
