@@ -297,9 +297,9 @@ class CallQueue:
         if time is not None:
             clocks, clock = self._channel.clock_tracker, self._channel.clock
             if time.began_s is not None and call.start_s is not None:
-                offset = clocks.offset(REAL_TIME.now())
-                call.began_s = clock.from_real(time.began_s - offset.offset_s)
-                call.began_error_s = clock.of_real(offset.error_s)
+                known = clocks.known()
+                call.began_s = clock.from_real(time.began_s - known.offset_s)
+                call.began_error_s = clock.of_real(known.error_s(REAL_TIME.now()))
             if type(answer) is EALData and (stamp_s := answer.stamp_s) is not None:
                 call.stamp_error_s = clocks.localize(answer, stamp_s, time, clock)
         if isinstance(answer, EALError):

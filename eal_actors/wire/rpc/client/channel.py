@@ -136,8 +136,7 @@ class Channel:
         return None if start_s is None else self._robot_time(start_s), data
 
     def _robot_time(self, fleet_s: float) -> float:
-        real_s = self.clock.to_real(fleet_s)
-        return real_s + self.clock_tracker.offset(real_s).offset_s
+        return self.clock.to_real(fleet_s) + self.clock_tracker.known().offset_s
 
     def call(self, method: str, arguments: Arguments, timeout_s: float, read: ReadReply[T]) -> Future[T]:
         """Call a method of the robot itself; `read` makes the future's value of the answer, in the reader's thread.
