@@ -55,9 +55,8 @@ MEMORY: Final = "memory"  # robot: opens memory that the controller shares, so t
 ROBOT_METHODS: Final = (HELLO, PING, STOP, RESUME, REATTACH, CANCEL, LEAVE, RELEASE, REVOKE, MEMORY)
 
 HALT: Final = "halt"  # resource: stops motion
-INFO: Final = "info"  # resource: returns its ResourceInfo
 STREAM: Final = "stream"  # resource: publishes its values for the time of a lease
-RESOURCE_METHODS: Final = (*METHODS, HALT, INFO, STREAM)
+RESOURCE_METHODS: Final = (*METHODS, HALT, STREAM)
 RETRYABLE_METHODS: Final = frozenset({"get_status", "get_value", "get_config", "send_req"})
 """Methods that change nothing, so that a retry is harmless. `read_comm` consumes bytes and is not one of them."""
 

@@ -123,7 +123,7 @@ class Accepted:
 ACCEPTED: Final = Accepted()
 
 Answer: TypeAlias = int | EALData | EALError | dict[str, Any] | Accepted
-"""A status; a value; an error; fields by name (of `hello`, `ping` and `info`); or ACCEPTED."""
+"""A status; a value; an error; fields by name (of `hello`, `ping` and `reattach`); or ACCEPTED."""
 
 
 class RobotTime(NamedTuple):

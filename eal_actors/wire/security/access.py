@@ -22,7 +22,7 @@ from eal_actors.wire.format import keys
 from eal_actors.wire.security.certificates import check_keys, files_of
 from eal_actors.wire.security.revocation import revoked_names
 
-OBSERVER_METHODS: Final = ("get_status", "get_value", "send_req", "read_comm", "get_config", keys.INFO)
+OBSERVER_METHODS: Final = ("get_status", "get_value", "send_req", "read_comm", "get_config")
 """Methods of a resource that an observer may call."""
 OBSERVER_ROBOT_METHODS: Final = (keys.HELLO, keys.PING, keys.MEMORY)
 """Methods of a robot that an observer may call."""

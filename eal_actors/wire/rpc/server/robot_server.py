@@ -231,9 +231,7 @@ class RobotServer:
     def _serve_other(
         self, handle: ResourceHandle, method: str, reply_to: ReplyTo, header: CallHeader, data: EALData | None
     ) -> None:
-        if method == keys.INFO:
-            self._answer(reply_to, handle.info.to_dict())
-        elif method == keys.STREAM:
+        if method == keys.STREAM:
             self._publisher.serve(handle, header)
             self._answer(reply_to, 1)
         elif header.deadline_s <= 0:

@@ -29,10 +29,10 @@ CLIENT = 2 * "0123456789abcdef"
         pytest.param(("lab", "r1", "_", "hello", "desk"), "eal/lab/r1/_/hello/desk", id="the robot itself"),
         pytest.param(("my lab #2", "r1", "S", "halt", "_"), "eal/my%20lab%20%232/r1/S/halt/_", id="space and #"),
         pytest.param(
-            ("a/b*$@?%", "r1", "S", "info", "_"), "eal/a%2Fb%2A%24%40%3F%25/r1/S/info/_", id="zenoh's own signs"
+            ("a/b*$@?%", "r1", "S", "halt", "_"), "eal/a%2Fb%2A%24%40%3F%25/r1/S/halt/_", id="zenoh's own signs"
         ),
-        pytest.param(("Büro", "r1", "S", "info", "_"), "eal/B%C3%BCro/r1/S/info/_", id="UTF-8"),
-        pytest.param(("\udcff", "r1", "S", "info", "_"), "eal/%ED%B3%BF/r1/S/info/_", id="file name that is no UTF-8"),
+        pytest.param(("Büro", "r1", "S", "halt", "_"), "eal/B%C3%BCro/r1/S/halt/_", id="UTF-8"),
+        pytest.param(("\udcff", "r1", "S", "halt", "_"), "eal/%ED%B3%BF/r1/S/halt/_", id="file name that is no UTF-8"),
     ],
 )
 def test_names_and_keys_belong_together(names: tuple[str, str, str, str, str], key: str) -> None:
