@@ -24,7 +24,6 @@ from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import DEFAULT_NETWORK, NetworkConfig
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import decode_call
-from eal_actors.wire.format.parts import BEGINS_PART, PartStore
 from eal_actors.wire.security.expiry import certificate_warnings
 from eal_actors.wire.security.key_watch import WATCH_PERIOD_S, KeyWatch
 from eal_actors.wire.security.revocation import revoke
@@ -127,7 +126,7 @@ def router_session(fleet: FleetConfig | None, name: str, configure: Callable[[],
 
     def subscribe(session: zenoh.Session) -> None:
         if fleet is not None and security is not None:
-            store = partial(_store_revoked, security.keys, PartStore())
+            store = partial(_store_revoked, security.keys)
             transports[:] = [Transport(session)]
             transports[0].receive(keys.revoke_keys(fleet.network_name), f"{name} revoked names", store)
 
@@ -139,13 +138,9 @@ def router_session(fleet: FleetConfig | None, name: str, configure: Callable[[],
         keeper.close()
 
 
-def _store_revoked(folder: Path, parts: PartStore, key: str, envelope: bytes, payload: bytes) -> None:
+def _store_revoked(folder: Path, _: str, envelope: bytes, __: bytes) -> None:
+    """Store the names of a call, which never has parts: robots refuse one with that many."""
     try:
-        if envelope[:1] == BEGINS_PART:
-            whole = parts.add(key, envelope, payload)
-            if whole is None:
-                return
-            envelope, _ = whole
         header, _ = decode_call(envelope)
         revoke(folder, map(str, header.arguments))
     except EALError as error:
