@@ -141,7 +141,6 @@ def router_session(fleet: FleetConfig | None, name: str, configure: Callable[[],
 def _store_revoked(folder: Path, _: str, envelope: bytes, __: bytes) -> None:
     """Store the names of a call, which never has parts: robots refuse one with that many."""
     try:
-        header, _ = decode_call(envelope)
-        revoke(folder, map(str, header.arguments))
+        revoke(folder, map(str, decode_call(envelope)[0].arguments))
     except EALError as error:
         get_logger().error("revoked names were not stored", reason=error.message)

@@ -118,7 +118,7 @@ class Channel:
         self.pending: Final = PendingCalls()
         self.rights: Rights | None = None
         self.process = ""
-        self.memory: Final = ValueMemory(self.run_soon, self.request, controller.sharing)
+        self.memory: Final = ValueMemory(self.run_soon, self.request, controller)
         self._view = view
 
     @property

@@ -33,7 +33,6 @@ from eal_actors.wire.format.packing import PROTOCOL_VERSION
 from eal_actors.wire.local_link import LocalLinks
 from eal_actors.wire.rpc.client.call_sender import CallSender
 from eal_actors.wire.rpc.client.discovery import ForeignRobots
-from eal_actors.wire.rpc.client.value_memory import MemorySharing
 from eal_actors.wire.rpc.sender import Send, Sender
 from eal_actors.wire.security.expiry import certificate_warnings
 from eal_actors.wire.security.key_watch import WATCH_PERIOD_S, KeyWatch
@@ -81,6 +80,7 @@ class Controller(EALActor):
         display_name: its name for people, which robots show.
         dead_man_s: real seconds of its silence after which a robot halts what it moves.
         foreign: the robots of other fleets that answer, in a fleet without security.
+        shares_memory: whether it shares memory with robots on this machine: not once the system has refused that.
         last_handshake_s: real time of the last handshake that a robot has answered.
 
     Thread: an actor, which opens the session and sends the heartbeat. The readers' threads run the listeners'
@@ -96,7 +96,7 @@ class Controller(EALActor):
         self._caller = self.certificate or keys.ANYBODY
         self.client: Final = keys.client_id(self._caller, self._secret)
         self.dead_man_s: Final = config.network.dead_man_s
-        self.sharing: Final = MemorySharing(self.fleet, is_on=config.network.shared_memory)
+        self.shares_memory = config.network.shared_memory
         self.display_name: Final = process_name(self.certificate)
         self._config = config
         self._robots = None if robots is None else tuple(robots)
@@ -120,6 +120,13 @@ class Controller(EALActor):
     def warnings(self) -> list[str]:
         """Return warnings about certificates of this process that expire soon. Thread: any."""
         return certificate_warnings(self._config.network.security, self._caller)
+
+    def give_up_sharing(self, error: OSError) -> None:
+        """Log once that values come over the link. Thread: any."""
+        if self.shares_memory:
+            self.shares_memory = False
+            message = "no shared memory; large values of robots on this machine come over their links"
+            get_logger(fleet=self.fleet).warning(message, reason=error_text(error))
 
     # Life.
 

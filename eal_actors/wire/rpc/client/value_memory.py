@@ -9,35 +9,20 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Final
+from typing import Final
 
 from eal_actors.device.data import Payload
 from eal_actors.kernel.clock import REAL_TIME
-from eal_actors.kernel.errors import UnavailableError, error_text
-from eal_actors.kernel.log import get_logger
+from eal_actors.kernel.errors import UnavailableError
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import Answer
+from eal_actors.wire.rpc.client.controller import Controller
 from eal_actors.wire.shared_memory import LEAST_BYTES, MOST_BYTES, OwnedMemory, SharedValue
 
 _RENEW_S: Final = 5.0
 """Real seconds between two offers. A new memory replaces one that is too small, or whose slots hold values that were
 lost on the way."""
 _TIMEOUT_S: Final = 2.0
-
-
-class MemorySharing:
-    """Whether a controller of a fleet shares memory with robots on this machine: not once the system has refused it."""
-
-    def __init__(self, fleet: str, *, is_on: bool) -> None:
-        self.is_on = is_on
-        self._fleet = fleet
-
-    def give_up(self, error: OSError) -> None:
-        """Log once that values come over the link."""
-        if self.is_on:
-            self.is_on = False
-            message = "no shared memory; large values of robots on this machine come over their links"
-            get_logger(fleet=self._fleet).warning(message, reason=error_text(error))
 
 
 class ValueMemory:
@@ -48,11 +33,11 @@ class ValueMemory:
     """
 
     def __init__(
-        self, run_soon: Callable[[Callable[[], None]], None], request: Callable[..., Any], sharing: MemorySharing
+        self, run_soon: Callable[[Callable[[], None]], None], request: Callable[..., object], controller: Controller
     ) -> None:
         self._run_soon = run_soon
         self._request = request
-        self._sharing = sharing
+        self._controller = controller
         self._memories: tuple[OwnedMemory, ...] = ()  # the current one and the former, whose values may be on the way
         self._next_offer_s = -math.inf
 
@@ -88,12 +73,12 @@ class ValueMemory:
             memory.close()
 
     def _offer(self, value_bytes: int) -> None:
-        if not self._sharing.is_on:
+        if not self._controller.shares_memory:
             return
         try:
             memory = OwnedMemory(value_bytes)
         except OSError as error:
-            self._sharing.give_up(error)
+            self._controller.give_up_sharing(error)
             return
         self._request(keys.MEMORY, tuple(memory.offer), _TIMEOUT_S, partial(self._finish_offer, memory))
 
@@ -107,7 +92,7 @@ class ValueMemory:
             memory.allocate()
         except OSError as error:
             memory.close()
-            self._sharing.give_up(error)
+            self._controller.give_up_sharing(error)
             return
         current, former = self._memories[:1], self._memories[1:]
         self._memories = (memory, *current)
