@@ -151,7 +151,7 @@ class Admission:
             return self._history.recall(call)
 
     def enter(self, client: str, epoch: int) -> None:
-        """Note a controller's handshake; StaleCommandError if its epoch is impossible."""
+        """Note a controller's handshake."""
         with self._guard:
             self._history.enter(client, epoch, self._clock.now())
 

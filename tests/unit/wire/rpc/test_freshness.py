@@ -348,25 +348,6 @@ def test_without_any_answer_nothing_can_be_stamped() -> None:
         Stamper("ann").stamp(0.0)
 
 
-def test_an_epoch_advances_only_as_far_as_a_controller_can_count() -> None:
-    history: CommandHistory[int] = CommandHistory(ERA)
-    history.enter("ann", 5, 100.0)
-    for epoch in (1_006, 10**9, 2**63):
-        with pytest.raises(StaleCommandError, match=f"epoch cannot have advanced from 5 to {epoch}"):
-            history.enter("ann", epoch, 100.0)
-    history.enter("ann", 1_005, 100.0)
-    history.enter("ann", 2_105, 110.0)
-
-
-def test_a_number_advances_only_as_far_as_a_controller_can_count() -> None:
-    history: CommandHistory[int] = CommandHistory(ERA)
-    history.accept(CallHeader("ann", 0, 7, 1.0, 1.0, era=ERA, echo_s=100.0), "Arm", 100.0)
-    for number in (1_000_009 + 1_000_000, 2**63):
-        with pytest.raises(StaleCommandError, match="sequence cannot have advanced from 7"):
-            history.accept(CallHeader("ann", 0, number, 1.0, 1.0, era=ERA, echo_s=100.5), "Eye", 100.5)
-    history.accept(CallHeader("ann", 0, 1_000_007, 1.0, 1.0, era=ERA, echo_s=100.5), "Arm", 100.5)
-
-
 def test_the_certificate_with_most_clients_loses_one_of_its_own() -> None:
     history: CommandHistory[int] = CommandHistory(ERA, clients=3)
     quiet = CallHeader("a" * 32, 0, 1, 1.0, 1.0, era=ERA, echo_s=100.0)
