@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import threading
-from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, Final
@@ -22,9 +21,6 @@ from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import Answer, CallId
 from eal_actors.wire.rpc.client.channel import Channel
 
-_MAX_ENDED: Final = 256
-"""Ended commands that are remembered, since a late message may still list them as running."""
-
 _REATTACH_S: Final = 2.0
 _CANCEL_S: Final = 1.0
 _BACKOFF_S: Final = 1.0, 8.0
@@ -32,60 +28,51 @@ _BACKOFF_S: Final = 1.0, 8.0
 
 
 class CommandBoard:
-    """Commands that run on one robot; times are the robot's real time. Thread: any."""
+    """The commands that run on one robot, by its latest list; times are its real time. Thread: any.
+
+    An outcome or a list replaces what the robot has sent before, whatever the order of arrival.
+    """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._entries: dict[CallId, tuple[RunningCommand, float]] = {}  # and when the robot has said that it runs
-        self._ended: deque[CallId] = deque(maxlen=_MAX_ENDED)
+        self._running: dict[CallId, RunningCommand] = {}
+        self._as_of_s = -math.inf
 
-    def replace(self, rows: object, as_of_s: float = math.inf) -> None:
-        """Replace all entries; ProtocolError if the rows are malformed.
+    def replace(self, rows: object, as_of_s: float) -> list[tuple[CallId, Progress]]:
+        """Replace the list, unless it is older; return what has progressed. ProtocolError if the rows are malformed.
 
-        The rows are of client, epoch, sequence and fields, from a message of a time of the robot; commands that began
-        later stay listed.
+        The rows are of client, epoch, sequence and fields, from a message of a time of the robot.
         """
         try:
-            entries = {
-                CallId(str(client), int(epoch), int(sequence)): (_running_from(fields), -math.inf)
+            running = {
+                CallId(str(client), int(epoch), int(sequence)): _running_from(fields)
                 for client, epoch, sequence, fields in rows  # type: ignore[attr-defined]  # checked by trying
             }
         except (TypeError, ValueError, AttributeError) as error:
             raise ProtocolError(f"the running commands {rows!r} are malformed") from error
         with self._lock:
-            later = {call_id: entry for call_id, entry in self._entries.items() if entry[1] > as_of_s}
-            ended = set(self._ended)
-            self._entries = {call_id: entry for call_id, entry in {**entries, **later}.items() if call_id not in ended}
+            if as_of_s < self._as_of_s:
+                return []
+            before, self._running, self._as_of_s = self._running, running, as_of_s
+        known = {call_id: command.progress for call_id, command in before.items()}
+        progress = [(call_id, command.progress) for call_id, command in running.items()]
+        return [(call_id, new) for call_id, new in progress if new is not None and new != known.get(call_id)]
 
-    def begin(self, call_id: CallId, fields: Mapping[str, Any], told_s: float) -> None:
-        """Add a command that has begun; ProtocolError if its fields are malformed."""
-        running = _running_from(fields)
+    def end(self, call_id: CallId, at_s: float) -> None:
+        """Remove a command that has ended by a time of the robot."""
         with self._lock:
-            if call_id not in self._ended:
-                self._entries[call_id] = running, told_s
-
-    def advance(self, call_id: CallId, progress: Progress) -> None:
-        """Update the progress of a command."""
-        with self._lock:
-            if (entry := self._entries.get(call_id)) is not None:
-                running, told_s = entry
-                self._entries[call_id] = replace(running, progress=progress), told_s
-
-    def end(self, call_id: CallId) -> None:
-        """Remove a command that has ended."""
-        with self._lock:
-            self._entries.pop(call_id, None)
-            self._ended.append(call_id)
+            self._running.pop(call_id, None)
+            self._as_of_s = max(self._as_of_s, at_s)
 
     def clear(self) -> None:
-        """Remove all entries: the robot is unreachable."""
+        """Forget the list: the robot is unreachable, or another process serves it."""
         with self._lock:
-            self._entries.clear()
+            self._running, self._as_of_s = {}, -math.inf
 
     def running(self, to_local: Callable[[float], float]) -> tuple[RunningCommand, ...]:
         """Return the running commands; `to_local` converts the robot's time to our fleet's."""
         with self._lock:
-            commands = [running for running, _ in self._entries.values()]
+            commands = list(self._running.values())
         return tuple(
             replace(
                 command,
@@ -96,7 +83,7 @@ class CommandBoard:
         )
 
 
-def progress_from(row: object) -> Progress | None:
+def _progress_from(row: object) -> Progress | None:
     """Decode a progress: fraction, text and time; None if there is none, ProtocolError if it is malformed."""
     if row is None:
         return None
@@ -115,7 +102,7 @@ def localized_progress(progress: Progress, to_local: Callable[[float], float]) -
 def _running_from(fields: Mapping[str, Any]) -> RunningCommand:
     try:
         resource, command, by = (str(fields[key]) for key in ("resource", "command", "by"))
-        return RunningCommand(resource, command, by, float(fields["since_s"]), progress_from(fields.get("progress")))
+        return RunningCommand(resource, command, by, float(fields["since_s"]), _progress_from(fields.get("progress")))
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise ProtocolError(f"the running command {fields!r} is malformed") from error
 

@@ -7,6 +7,7 @@ dead-man's time, when the robot has halted in any case, it fails. A stop is sent
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Sequence
 from dataclasses import replace
@@ -30,7 +31,7 @@ from eal_actors.wire.format.packing import check_version
 from eal_actors.wire.rpc.client.call_queue import CallQueue
 from eal_actors.wire.rpc.client.channel import CONNECTED, Channel
 from eal_actors.wire.rpc.client.clock_offset import PING_PERIOD_S, PING_TIMEOUT_S
-from eal_actors.wire.rpc.client.command_tracking import CommandBoard, localized_progress, progress_from
+from eal_actors.wire.rpc.client.command_tracking import CommandBoard, localized_progress
 from eal_actors.wire.rpc.client.controller import Controller, RobotListener
 from eal_actors.wire.rpc.client.handshake import Handshake
 from eal_actors.wire.streams.reader import RemoteFeeds
@@ -108,16 +109,17 @@ class RemoteRobot(EALActor):
         self._channel.pending.lose_all()
 
     def _on_event(self, event: RobotEvent) -> None:
-        call_id = event.call
-        if call_id is None:
-            self._channel.run_soon(lambda: self._handle_robot_event(event))
-        elif event.kind == "result":
-            self._board.end(call_id)
+        if event.kind == "running":
+            self._list(event.fields.get("running"), event.stamp_s)
+        elif event.kind == "result" and event.call is not None:
+            self._board.end(event.call, event.stamp_s)
             self.calls.receive_result(event)
-        elif event.kind == "began":
-            self._board.begin(call_id, event.fields, event.stamp_s)
-        elif event.kind == "progress" and (progress := progress_from(event.fields.get("progress"))) is not None:
-            self._board.advance(call_id, progress)
+        else:
+            self._channel.run_soon(lambda: self._handle_robot_event(event))
+
+    def _list(self, rows: object, as_of_s: float) -> None:
+        """Replace the list of running commands, and report what ours have progressed."""
+        for call_id, progress in self._board.replace(rows, as_of_s):
             self.calls.receive_progress(call_id, localized_progress(progress, self._to_fleet_time))
 
     def _handle_robot_event(self, event: RobotEvent) -> None:
@@ -160,13 +162,14 @@ class RemoteRobot(EALActor):
             return
         try:
             handshake = Handshake.decode(answer, self._controller.certificate)
-            self._board.replace(handshake.running)
+            if is_another := handshake.process != self._channel.process:
+                self._board.clear()  # its clock may be another one
+            self._list(handshake.running, -math.inf)
         except ProtocolError as error:
             self._note_lost(error.message)
             self._retry_handshake()
             return
         self._controller.last_handshake_s = REAL_TIME.now()
-        is_another = handshake.process != self._channel.process
         self._channel.rights, self._channel.process = handshake.rights, handshake.process
         self._channel.memory.reset()
         if is_another or self.view.state not in CONNECTED:  # else its calls already take one way, and keep to it
@@ -255,7 +258,7 @@ class RemoteRobot(EALActor):
         def read(answer: Answer, time: RobotTime | None, sent_s: float, answered_s: float) -> Ping:
             ping = self._channel.clock_tracker.read_ping(answer, time, sent_s, answered_s)
             if isinstance(answer, dict):  # always true after read_ping
-                self._board.replace(answer.get("running", ()), answer["received_s"])
+                self._list(answer.get("running", ()), answer["received_s"])
             self.view.not_ready = dict(ping.not_ready)
             state = self.view.state
             if ping.state is not state and RobotState.FAILED in (ping.state, state) and self._channel.is_ready:

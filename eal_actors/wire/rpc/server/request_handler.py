@@ -181,7 +181,7 @@ class RequestHandler:
                 *descriptor_warnings(),
                 *self._tokens.warnings(),
             ],
-            "running": [[*command.call_id, command.to_fields()] for command in self._running.announced()],
+            "running": [command.to_row() for command in self._running.listed()],
         }
 
     def _reattach(self, header: CallHeader) -> Answer:

@@ -56,6 +56,8 @@ from eal_actors.wire.streams.publisher import StreamPublisher
 
 ACCEPT_AFTER_S: Final = 0.1
 """Real seconds after which a running command is answered with ACCEPTED; its outcome follows as an event."""
+_PROGRESS_PERIOD_S: Final = 0.25
+"""Least real seconds between two lists of running commands, unless another one has begun."""
 
 
 class RobotServer:
@@ -89,6 +91,7 @@ class RobotServer:
         self._ended = Future[None]()
         self.dead_man_trips: dict[str, int] = {}
         self._state = robot.state
+        self._list_at_s = 0.0
         self._log = get_logger(robot=robot.name)
 
     # Life.
@@ -125,7 +128,7 @@ class RobotServer:
         for command, reply_to in self._running.take_long(REAL_TIME.now() - ACCEPT_AFTER_S):
             self._answer(reply_to, ACCEPTED)
             command.call.arm()  # from now on its deadline stops it
-        self._announce_commands()
+        self._list_commands()
         self._log_stop()
         if self._robot.state is not self._state:
             self._state = self._robot.state
@@ -137,14 +140,19 @@ class RobotServer:
         if reason is not None:
             self._log.warning("emergency stop", reason=reason)
 
-    def _announce_commands(self) -> None:
-        """Publish long commands that have begun, and the progress of those."""
-        now_s = REAL_TIME.now()
-        for command in self._running.take_begun():
-            self._publish(RobotEvent("began", now_s, command.call_id, fields=command.to_fields()))
-        for command in self._running.take_progressed(now_s):
-            event = RobotEvent("progress", now_s, command.call_id, fields=command.progress_fields())
-            self._publish(event, is_vital=False)
+    def _list_commands(self) -> None:
+        """Publish the list of long commands when another one has begun, and after a while when one has progressed."""
+        now_s, commands = REAL_TIME.now(), self._running.listed()
+        has_begun = any(not command.is_listed for command in commands)
+        if not has_begun:
+            has_progressed = any(command.call.progress() is not command.listed_progress for command in commands)
+            if not has_progressed or now_s < self._list_at_s:
+                return
+        self._list_at_s = now_s + _PROGRESS_PERIOD_S
+        for command in commands:
+            command.is_listed, command.listed_progress = True, command.call.progress()
+        rows = [command.to_row() for command in commands]
+        self._publish(RobotEvent("running", now_s, fields={"running": rows}), is_vital=has_begun)
 
     def receive_heartbeat(self, caller: str, beat: Heartbeat) -> None:
         """Note a controller's heartbeat and display name. Thread: a reader's; does not block."""

@@ -7,9 +7,8 @@ The values of all commands that have not ended are limited in bytes, since mailb
 
 from __future__ import annotations
 
-import math
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -21,9 +20,8 @@ from eal_actors.wire.format.messages import CallId
 from eal_actors.wire.format.packing import MAX_CALL_BYTES
 from eal_actors.wire.rpc.server.outbox import ReplyTo
 
-PROGRESS_PERIOD_S: Final = 0.25
-"""Least real seconds between two progress events of one command."""
-
+_MOST_LISTED: Final = 256
+"""Limit of the listed commands, since mailboxes hold more than a message should."""
 _MAX_TEXT: Final = 200
 _SMALL_BYTES: Final = 4096
 """Size up to which a value needs no room: the places of the mailboxes bound these."""
@@ -39,8 +37,7 @@ class ServedCommand:
         finish: called with it when it has ended.
         reply_to: address of the reply; None once the reply was sent.
         since_s: real time of its arrival.
-        is_announced: whether an event has announced it.
-        last_progress_s: real time at which `last_progress` was published.
+        is_listed: whether an event has listed it, with `listed_progress`.
     """
 
     finish: Callable[[ServedCommand], None]
@@ -49,33 +46,22 @@ class ServedCommand:
     call: Call[Any]
     since_s: float
     value_bytes: int = 0
-    is_announced: bool = False
-    last_progress: Progress | None = None
-    last_progress_s: float = -math.inf
+    is_listed: bool = False
+    listed_progress: Progress | None = None
 
     def __call__(self, *_: object) -> None:
         """Finish it, as the relay of its call; a function of its own for each command would be one more object."""
         self.finish(self)
 
-    @property
-    def has_begun(self) -> bool:
-        """Whether it no longer waits for its start time."""
-        return self.call.start_s is None or self.call.began_s is not None
-
-    def to_fields(self) -> dict[str, Any]:
-        """Return the fields of its `began` event; times are the robot's real time."""
-        call = self.call
+    def to_row(self) -> list[Any]:
+        """Return its row in a list of running commands; times are the robot's real time."""
+        call, progress = self.call, self.call.progress()
         began_s = self.since_s if call.began_s is None else call.clock.to_real(call.began_s)
-        about = {"resource": call.cell.name, "command": _truncate(command_of(call)), "by": call.caller}
-        return {**about, "since_s": began_s, **self.progress_fields()}
-
-    def progress_fields(self) -> dict[str, Any]:
-        """Return the fields of a `progress` event; empty if the command reports no progress."""
-        progress = self.call.progress()
-        if progress is None:
-            return {}
-        time_s = self.call.clock.to_real(progress.time_s)
-        return {"progress": [progress.fraction, _truncate(progress.text), time_s]}
+        fields: dict[str, Any] = {"resource": call.cell.name, "command": _truncate(command_of(call)), "by": call.caller}
+        fields["since_s"] = began_s
+        if progress is not None:
+            fields["progress"] = [progress.fraction, _truncate(progress.text), call.clock.to_real(progress.time_s)]
+        return [*self.call_id, fields]
 
 
 class RunningCommands:
@@ -120,33 +106,13 @@ class RunningCommands:
                     taken.append((command, reply_to))
         return taken
 
-    def take_begun(self) -> list[ServedCommand]:
-        """Return the long commands that have begun and were not returned before."""
-        with self._lock:
-            begun = [command for command in self._long() if not command.is_announced and command.has_begun]
-            for command in begun:
-                command.is_announced = True
-        return begun
-
-    def take_progressed(self, now_s: float) -> list[ServedCommand]:
-        """Return the announced commands with new progress, each at most once per PROGRESS_PERIOD_S."""
-        progressed = []
-        with self._lock:
-            for command in self._long():
-                progress = command.call.progress()
-                is_due = now_s - command.last_progress_s >= PROGRESS_PERIOD_S
-                if progress is not command.last_progress and is_due and command.is_announced:
-                    command.last_progress, command.last_progress_s = progress, now_s
-                    progressed.append(command)
-        return progressed
-
-    def announced(self) -> list[ServedCommand]:
-        """Return the commands that an event has announced."""
-        with self._lock:
-            return [command for command in list(self._running.values()) if command.is_announced]
-
-    def _long(self) -> Iterator[ServedCommand]:
-        return (command for command in list(self._running.values()) if command.reply_to is None)
+    def listed(self) -> list[ServedCommand]:
+        """Return the long commands that no longer wait for their start times."""
+        long = [command for command in list(self._running.values()) if command.reply_to is None]
+        begun = [it for it in long if it.call.start_s is None or it.call.began_s is not None]
+        if len(begun) > _MOST_LISTED:
+            begun.sort(key=lambda it: it.call.progress() is None)  # those that wait in a mailbox last
+        return begun[:_MOST_LISTED]
 
     def cancel(self, call_id: CallId) -> None:
         """Cancel a command; ignored if it is not running."""
