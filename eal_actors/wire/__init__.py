@@ -5,7 +5,7 @@ The life of a remote call:
 2. `format/`: `keys` and `messages` make of it a key, an envelope and a payload; `transport` sends them.
 3. `rpc/server/`: `RobotHost` receives it, `RobotServer` decodes it, `Admission` checks age, lease and order, and the
    call goes to the resource's actor. The `Outbox` sends the reply.
-4. `rpc/client/`: `PendingCalls` finds the call by its number and resolves its future.
+4. `rpc/client/`: `CallQueue` finds the call by its number and resolves its future.
 
 `security/` holds certificates and access control, `streams/` the values that a resource publishes.
 """

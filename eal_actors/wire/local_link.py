@@ -155,24 +155,22 @@ def dial(process: str, port: int) -> LocalLink | None:
 class LocalLinks:
     """A controller's links by process, and in `links` by robot. Thread: any; that of a link handles its replies.
 
+    When a link has ended, `on_lost` is called with each of its robots, in the link's thread.
     A robot has its link from the handshake on until its token changes, so that all its calls take one way and none
     overtakes another. When a link ends alone, the calls on it are lost like those of a broken link of the engine: the
     ones that change nothing are made again, and the robot is asked for the outcomes of the others.
     """
 
-    def __init__(self, receive: Receive, *, is_on: bool) -> None:
+    def __init__(self, receive: Receive, on_lost: Callable[[str], None], *, is_on: bool) -> None:
         self.links: Final[dict[str, LocalLink]] = {}
         self._receive = receive
-        self._on_lost: dict[str, Callable[[], None]] = {}
+        self._on_lost = on_lost
         self._is_on = is_on
         self._lock = threading.Lock()
         self._processes: dict[str, LocalLink | None] = {}  # None for those that have refused
 
-    def connect(self, robot: str, process: str, address: str, on_lost: Callable[[], None]) -> None:
-        """Give a robot a link to its process, if that is on this machine. Thread: blocks the caller for a moment.
-
-        `on_lost` is called when the link has ended, and the calls on it are lost. Thread: the link's.
-        """
+    def connect(self, robot: str, process: str, address: str) -> None:
+        """Give a robot a link to its process, if that is on this machine. Thread: blocks the caller for a moment."""
         if not self._is_on or not process or address == BEHIND_ROUTER:
             return
         with self._lock:
@@ -183,7 +181,6 @@ class LocalLinks:
                 if dialled is not None:
                     dialled.start(self._receive, self._forget, "local replies")
             if (link := self._processes[process]) is not None:
-                self._on_lost[robot] = on_lost
                 self.links[robot] = link
             else:
                 self.disconnect(robot)
@@ -191,7 +188,6 @@ class LocalLinks:
     def disconnect(self, robot: str) -> None:
         """Take a robot's link away, which others may still use."""
         self.links.pop(robot, None)
-        self._on_lost.pop(robot, None)
 
     def put(self, robot: str, key: str, envelope: bytes, payload: Payload, *, is_urgent: bool) -> bool | None:
         """Send a call, in parts if it is large; return None if it must go over the engine; see Controller.put."""
@@ -206,12 +202,10 @@ class LocalLinks:
         with self._lock:
             self._processes = {process: other for process, other in self._processes.items() if other is not link}
             robots = [robot for robot, other in list(self.links.items()) if other is link]
-            losses = [self._on_lost.get(robot) for robot in robots]
             for robot in robots:
                 self.disconnect(robot)
-        for lose in losses:
-            if lose is not None:
-                lose()
+        for robot in robots:
+            self._on_lost(robot)
 
     def close(self) -> None:
         """End all links."""

@@ -60,7 +60,7 @@ class CallQueue:
 
     def __init__(self, channel: Channel, capacity: int) -> None:
         self._channel = channel
-        self._lose_all = channel.pending.lose_all
+        self._lose_all = channel.lose_all
         self._name = channel.name
         self._controller = channel.controller
         self._second = channel.clock.of_real(1.0)
@@ -238,7 +238,7 @@ class CallQueue:
             self.tracker.commands[call_id] = call
         if span is not None:
             span.note("sent")
-        channel.pending.calls[number] = tuple.__new__(SentCall, (self, call, call_id, now_s + left_s))
+        channel.pending[number] = tuple.__new__(SentCall, (self, call, call_id, now_s + left_s))
         self.window.calls.add(call)
         key = self._keys.get((name, method))
         if key is None:
@@ -258,13 +258,13 @@ class CallQueue:
             sequence, answer, time = 0, error, None
         if time is not None:
             self._channel.stamper.heard(time.era, time.time_s, REAL_TIME.now())
-        pending = self._channel.pending.calls.pop(sequence, None)
+        pending = self._channel.pending.pop(sequence, None)
         if type(pending) is SentCall:
             self.conclude(pending.call, pending.call_id, answer, time)
         elif pending is not None:
             pending.answered(answer, time)
         elif sequence == 0:
-            self._channel.pending.answer_all(answer, time)
+            self._channel.answer_all(answer, time)
         else:  # a leaving robot may send the outcome after its token has gone
             for call_id, call in list(self.tracker.commands.items()):
                 if call_id.sequence == sequence:
@@ -356,7 +356,7 @@ class CallQueue:
 
     def tick(self, now_s: float) -> None:
         """Fail calls whose time is over, and ask for missing outcomes. Thread: the controller's."""
-        self._channel.pending.expire(now_s)
+        self._channel.expire(now_s)
         self.tracker.tick(now_s)
 
     def close(self, error: EALError) -> None:

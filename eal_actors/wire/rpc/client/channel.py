@@ -1,8 +1,8 @@
 """Channel: the connection to one robot, shared by its call queue, its streams and requests to the robot itself.
 
 A call and its reply are two publications that only the call's number connects. When no reply will come, the robot's
-liveliness token disappears or the call's time runs out; both end the call in `PendingCalls`. Each call ends once, since
-the thread that takes it out of the dictionary ends it.
+liveliness token disappears or the call's time runs out. Each call ends once, since the thread that takes it out of
+`Channel.pending` ends it: by one of its methods `answered`, `lost` and `timed_out`.
 """
 
 from __future__ import annotations
@@ -64,38 +64,6 @@ class SentCall(NamedTuple):
         self.queue.expire(self.call)
 
 
-class PendingCalls:
-    """Pending calls of one robot by their numbers, added before they are sent. Thread: any.
-
-    One of a call's methods `answered`, `lost` and `timed_out` is called, once.
-    """
-
-    def __init__(self) -> None:
-        self.calls: Final[dict[int, SentCall | _Request]] = {}
-
-    def _take_all(self) -> Iterator[SentCall | _Request]:
-        for number in list(self.calls):
-            call = self.calls.pop(number, None)
-            if call is not None:
-                yield call
-
-    def answer_all(self, answer: Answer, time: RobotTime | None) -> None:
-        """Pass a reply to all: the robot could not decode the number of its call."""
-        for call in self._take_all():
-            call.answered(answer, time)
-
-    def lose_all(self) -> None:
-        """Report all as lost: the robot is unreachable."""
-        for call in self._take_all():
-            call.lost()
-
-    def expire(self, now_s: float) -> None:
-        """Report those whose time is over at a real time."""
-        for number, call in list(self.calls.items()):
-            if call.end_s <= now_s and self.calls.pop(number, None) is not None:
-                call.timed_out()
-
-
 class Channel:
     """Connection to one robot. Thread: any; nothing blocks.
 
@@ -103,6 +71,7 @@ class Channel:
         inbox: mailbox and timers of the connection's actor.
         run_soon: runs an action in the thread of that actor, see EALActor.run_soon.
         stamper: numbers calls and stamps commands.
+        pending: calls by their numbers, added before they are sent.
         rights: calls that the robot grants; None for all.
         process: the process that serves the robot, for batches; empty if it takes none.
     """
@@ -115,7 +84,7 @@ class Channel:
         self.controller: Final = controller
         self.clock_tracker: Final = ClockTracker()
         self.stamper: Final = Stamper(controller.client)
-        self.pending: Final = PendingCalls()
+        self.pending: Final[dict[int, SentCall | _Request]] = {}
         self.rights: Rights | None = None
         self.process = ""
         self.memory: Final = ValueMemory(self.run_soon, self.request, controller)
@@ -125,6 +94,27 @@ class Channel:
     def is_ready(self) -> bool:
         """Whether the robot is reachable and the handshake is done; one that has failed answers calls too."""
         return self._view.state in CONNECTED and self.controller.is_alive(self.name)
+
+    def _take_all(self) -> Iterator[SentCall | _Request]:
+        for number in list(self.pending):
+            if (call := self.pending.pop(number, None)) is not None:
+                yield call
+
+    def answer_all(self, answer: Answer, time: RobotTime | None) -> None:
+        """Pass a reply to all pending calls: the robot could not decode the number of its call."""
+        for call in self._take_all():
+            call.answered(answer, time)
+
+    def lose_all(self) -> None:
+        """Report all pending calls as lost: the robot is unreachable."""
+        for call in self._take_all():
+            call.lost()
+
+    def expire(self, now_s: float) -> None:
+        """Report the pending calls whose time is over at a real time."""
+        for number, call in list(self.pending.items()):
+            if call.end_s <= now_s and self.pending.pop(number, None) is not None:
+                call.timed_out()
 
     def to_robot_time(self, start_s: float | None, data: EALData | None) -> tuple[float | None, EALData | None]:
         """Return a start time and a value with its stamp, both by our fleet's clock, by the robot's clock instead.
@@ -229,12 +219,12 @@ class _Request:
         channel = self.channel
         self._sent_s = REAL_TIME.now()
         self.end_s = self._sent_s + self.timeout_s
-        channel.pending.calls[self.number] = self
+        channel.pending[self.number] = self
         controller = channel.controller
         if not self.is_urgent:
             controller.sender.flush()  # it must not overtake the calls before it
         if not controller.put(channel.name, self.key, self.envelope, b"", is_urgent=self.is_urgent, is_last=is_last):
-            channel.pending.lose_all()
+            channel.lose_all()
 
     def bypass(self) -> None:
         if not self._is_taken.locked():

@@ -58,6 +58,7 @@ class RobotListener(NamedTuple):
     Attributes:
         on_alive: its liveliness token appeared; called with its protocol version.
         on_gone: its token disappeared; called with the reason.
+        on_lost: the local link has ended that its calls were on.
         on_reply: a reply arrived; called with its envelope and its payload.
         on_event: an event arrived; raises ProtocolError if that is malformed.
         on_tick: called every 0.25 s with the real time. Thread: the controller's.
@@ -66,6 +67,7 @@ class RobotListener(NamedTuple):
     name: str
     on_alive: Callable[[int], None]
     on_gone: Callable[[str], None]
+    on_lost: Callable[[], None]
     on_reply: Callable[[bytes, bytes], None]
     on_event: Callable[[RobotEvent], None]
     on_tick: Callable[[float], None]
@@ -115,7 +117,9 @@ class Controller(EALActor):
         self._urgent_sender = Sender(f"{config.name} urgent sender")
         self._callbacks = EALActor(f"{config.name} callbacks", clock)
         self._helpers = self.sender, self._urgent_sender, self._callbacks
-        self.local: Final = LocalLinks(self._on_reply, is_on=config.network.shared_memory and security is None)
+        self.local: Final = LocalLinks(
+            self._on_reply, self._on_local_loss, is_on=config.network.shared_memory and security is None
+        )
 
     def warnings(self) -> list[str]:
         """Return warnings about certificates of this process that expire soon. Thread: any."""
@@ -353,6 +357,10 @@ class Controller(EALActor):
     def _on_reply(self, robot: str, envelope: bytes, payload: bytes) -> None:
         if (listener := self._listeners.get(robot)) is not None:
             listener.on_reply(envelope, payload)
+
+    def _on_local_loss(self, robot: str) -> None:
+        if (listener := self._listeners.get(robot)) is not None:
+            listener.on_lost()
 
     def _on_answer(self, key: str, envelope: bytes, payload: bytes) -> None:
         try:

@@ -67,8 +67,9 @@ class RemoteRobot(EALActor):
         self.calls: Final = CallQueue(self._channel, config.mailbox)
         self._feeds = RemoteFeeds(self._channel)
         self._board = CommandBoard()
+        lose_all, calls = self._channel.lose_all, self.calls
         self._listener = RobotListener(
-            self.name, self._on_alive, self._on_gone, self.calls.receive_reply, self._on_event, self.calls.tick
+            self.name, self._on_alive, self._on_gone, lose_all, calls.receive_reply, self._on_event, calls.tick
         )
         self._unsent_stop: str | None = None
         self._is_repeating_stop = False
@@ -106,7 +107,7 @@ class RemoteRobot(EALActor):
 
     def _on_gone(self, reason: str) -> None:
         self._channel.run_soon(lambda: self._lose(reason))
-        self._channel.pending.lose_all()
+        self._channel.lose_all()
 
     def _on_event(self, event: RobotEvent) -> None:
         if event.kind == "running":
@@ -173,8 +174,7 @@ class RemoteRobot(EALActor):
         self._channel.rights, self._channel.process = handshake.rights, handshake.process
         self._channel.memory.reset()
         if is_another or self.view.state not in CONNECTED:  # else its calls already take one way, and keep to it
-            lose_all = self._channel.pending.lose_all
-            self._controller.local.connect(self.name, handshake.process, self.address, lose_all)
+            self._controller.local.connect(self.name, handshake.process, self.address)
         self.view.not_ready = dict(handshake.not_ready)
         self._update_cells(handshake)
         self._update_stop(handshake.stopped)
