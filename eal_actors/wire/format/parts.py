@@ -11,12 +11,9 @@ A part differs from a single message in its length: a list of five items.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final
-
-import msgpack
 
 from eal_actors.device.data import Payload
 from eal_actors.kernel.clock import REAL_TIME, Clock
@@ -29,6 +26,7 @@ from eal_actors.wire.format.packing import (
     Buffer,
     checked_count,
     pack,
+    unpack,
     unpack_row,
 )
 
@@ -44,17 +42,14 @@ MAX_AGE_S: Final = 10.0
 BEGINS_PART: Final = b"\x95"
 """First byte of the envelope of a part: a list of five."""
 
-_HEAD_BYTES: Final = 64
-"""Bytes of a call's envelope that contain its number."""
-_numbers: Final = itertools.count()  # of the calls of this process that are split
-
 
 def split(envelope: bytes, payload: Payload) -> Iterator[tuple[bytes, Payload]]:
     """Yield the envelope and the payload of each message of a call: its own, or those of its parts if it is large."""
     if len(envelope) + len(payload) <= PART_BYTES:
         yield envelope, payload
         return
-    number, content = next(_numbers), b"".join((envelope, payload))
+    fields, content = unpack(envelope, "call"), b"".join((envelope, payload))
+    number = 0 if len(fields) == 2 else fields[3]  # 0 for a batch: its sender sends one after another
     for offset in range(0, len(content), PART_BYTES):
         row = PROTOCOL_VERSION, number, offset, len(content), len(envelope)
         yield pack(row, "part"), content[offset : offset + PART_BYTES]
@@ -128,13 +123,6 @@ class PartStore:
             raise BusyError("other large calls are on their way to the robot; call again, or one after another")
 
 
-def sequence_at(first: Buffer) -> int:
-    """Return the number of a call by the first bytes of its envelope; 0 if they are those of no call."""
-    unpacker = msgpack.Unpacker(max_buffer_size=_HEAD_BYTES)
-    unpacker.feed(first[:_HEAD_BYTES])
-    try:
-        unpacker.read_array_header()
-        *_, sequence = (unpacker.unpack() for _ in range(4))
-        return checked_count(sequence, "call: sequence")
-    except (ProtocolError, ValueError, msgpack.UnpackException):
-        return 0
+def number_of(envelope: Buffer) -> int:
+    """Return the number of a part's call; ProtocolError if it is no part."""
+    return checked_count(unpack_row(envelope, "part", 2)[1], "part")

@@ -28,7 +28,7 @@ from eal_actors.managers.network_model import NetworkConfig
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.batches import BEGINS_BATCH, decode_batch
 from eal_actors.wire.format.messages import decode_heartbeat
-from eal_actors.wire.format.parts import BEGINS_PART, PartStore
+from eal_actors.wire.format.parts import BEGINS_PART, PartStore, number_of
 from eal_actors.wire.local_link import LocalLink, LocalListener
 from eal_actors.wire.rpc.server.outbox import Outbox, ReplyBatch
 from eal_actors.wire.rpc.server.request_handler import HostServices, RequestQueue, require_handshake
@@ -228,7 +228,7 @@ class RobotHost(EALActor):
             return
         except BusyError as error:
             if server is not None:
-                server.refuse(route, payload, error)
+                server.refuse(route, number_of(envelope), error)
             return
         if server is not None:  # else another process serves the robot
             server.receive(route, envelope, payload, None, link)

@@ -41,8 +41,6 @@ from eal_actors.wire.format.messages import (
     decode_call,
     encode_event,
 )
-from eal_actors.wire.format.packing import Buffer
-from eal_actors.wire.format.parts import sequence_at
 from eal_actors.wire.local_link import LocalLink
 from eal_actors.wire.rpc.call_arguments import check_arguments, check_request, is_stop, start_call
 from eal_actors.wire.rpc.server.admission import Admission
@@ -200,9 +198,9 @@ class RobotServer:
             failure = ResourceFaultError(f"the server raised {error_text(error)}")
             self._answer(reply_to or ReplyTo(route.answer_key, 0), failure)
 
-    def refuse(self, route: keys.CallRoute, first: Buffer, error: BusyError) -> None:
-        """Answer a call whose parts are not collected, by its first bytes. Thread: the reader's; does not block."""
-        self._answer(ReplyTo(route.answer_key, sequence_at(first)), error.at(self._robot.name))
+    def refuse(self, route: keys.CallRoute, number: int, error: BusyError) -> None:
+        """Answer a call whose parts are not collected. Thread: the reader's; does not block."""
+        self._answer(ReplyTo(route.answer_key, number), error.at(self._robot.name))
 
     def _handle(self, resource: str) -> ResourceHandle:
         handle = self._handles[resource] = self._robot[resource]

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from eal_actors.kernel.errors import BusyError, ProtocolError
 from eal_actors.wire.format import parts
+from eal_actors.wire.format.batches import MAX_ROWS, encode_batch
 from eal_actors.wire.format.messages import CallHeader, encode_call
 from eal_actors.wire.format.packing import pack
 from tests.manual_clock import ManualClock
@@ -23,15 +24,28 @@ def first_part(number: int, total: int) -> tuple[bytes, bytes]:
     return pack((3, number, 0, total, 0), "part"), bytes(10)
 
 
-@given(st.binary(min_size=1, max_size=2000), st.integers(parts.PART_BYTES, 3 * parts.PART_BYTES))
-def test_a_call_arrives_as_it_was(envelope: bytes, length: int) -> None:
+def envelope_of(number: int, text: str = "") -> bytes:
+    return encode_call(CallHeader(SECRET, 1, number, 60.0, 60.0, None, (text,)))[0]
+
+
+@given(st.text(max_size=500), st.integers(parts.PART_BYTES, 3 * parts.PART_BYTES))
+def test_a_call_arrives_as_it_was(text: str, length: int) -> None:
     store, payload = parts.PartStore(), (bytes(range(251)) * (length // 251 + 1))[:length]
+    envelope = envelope_of(123_456, text)
     messages = list(parts.split(envelope, payload))
     assert all(row[:1] == parts.BEGINS_PART and len(content) <= parts.PART_BYTES for row, content in messages)
+    assert {parts.number_of(row) for row, _ in messages} == {123_456}  # by which a refused call is answered
     *before, whole = [store.add(ANNA, *message) for message in messages]
     assert before == [None] * len(before)
     assert whole == (envelope, payload)
     assert store.held_bytes == 0
+
+
+def test_a_batch_with_long_names_arrives_as_it_was() -> None:
+    store, rows = parts.PartStore(), [("r" * 64, "Eye", "get_value", envelope_of(7), bytes(64))] * MAX_ROWS
+    messages = list(parts.split(encode_batch(rows), b""))
+    assert {parts.number_of(row) for row, _ in messages} == {0}
+    assert [store.add(ANNA, *message) for message in messages] == [None, (encode_batch(rows), b"")]
 
 
 def test_a_small_call_is_one_message() -> None:
@@ -41,9 +55,9 @@ def test_a_small_call_is_one_message() -> None:
 
 def test_calls_may_be_interleaved() -> None:
     store, (one, two) = parts.PartStore(), (bytes([number]) * 100_000 for number in (1, 2))
-    rows = zip(parts.split(b"a", one), parts.split(b"b", two), strict=True)
+    rows = zip(parts.split(envelope_of(1), one), parts.split(envelope_of(2), two), strict=True)
     answers = [store.add(ANNA, *message) for pair in rows for message in pair]
-    assert [answer for answer in answers if answer] == [(b"a", one), (b"b", two)]
+    assert [answer for answer in answers if answer] == [(envelope_of(1), one), (envelope_of(2), two)]
 
 
 @pytest.mark.parametrize(
@@ -68,7 +82,7 @@ def test_what_is_no_part_is_refused(row: tuple[object, ...], payload: bytes) -> 
 
 def test_a_part_out_of_order_ends_its_call() -> None:
     store = parts.PartStore()
-    first, second, third = parts.split(b"a", bytes(3 * parts.PART_BYTES - 1))
+    first, second, third = parts.split(envelope_of(1), bytes(3 * parts.PART_BYTES - 100))
     assert [store.add(ANNA, *part) for part in (first, third, second, third)] == [None] * 4
     assert store.held_bytes == 0
 
@@ -100,12 +114,6 @@ def test_calls_that_are_never_complete_are_forgotten() -> None:
     clock.advance(parts.MAX_AGE_S)
     store.add(ANNA, *first_part(2, parts.MAX_BYTES))
     assert store.held_bytes == parts.MAX_BYTES
-
-
-def test_a_refused_call_is_answered_by_its_number() -> None:
-    header = CallHeader("0" * 32, 70_000, 123_456, 60.0, 60.0, None, ("x" * 100,), "", 0.0, 0.0)
-    assert parts.sequence_at(encode_call(header)[0]) == 123_456
-    assert [parts.sequence_at(first) for first in (b"", b"\x92", bytes(100), b"\xc1" * 100)] == [0] * 4
 
 
 def test_tiny_calls_that_never_end_are_few() -> None:
