@@ -137,18 +137,14 @@ def dial(process: str, port: int) -> LocalLink | None:
     The robot names its process in the handshake; the port is that of its address. Thread: blocks the caller for a
     moment.
     """
-    end = _packet_socket()
-    if end is None:
-        return None
-    try:
+    with contextlib.suppress(OSError), contextlib.ExitStack() as stack:
+        end = stack.enter_context(_packet_socket())
         end.settimeout(_GREETING_S)
         end.connect(_name(process))
         if _is_own(end) and end.send(str(port).encode()) and end.recv(1) == _YES:
             end.settimeout(None)
+            stack.pop_all()
             return LocalLink(end)
-    except OSError:
-        pass
-    end.close()
     return None
 
 
@@ -156,6 +152,7 @@ class LocalLinks:
     """A controller's links by process, and in `links` by robot. Thread: any; that of a link handles its replies.
 
     When a link has ended, `on_lost` is called with each of its robots, in the link's thread.
+
     A robot has its link from the handshake on until its token changes, so that all its calls take one way and none
     overtakes another. When a link ends alone, the calls on it are lost like those of a broken link of the engine: the
     ones that change nothing are made again, and the robot is asked for the outcomes of the others.
@@ -221,7 +218,8 @@ class LocalListener:
     """Accepts the links of controllers on the same machine. Thread: any.
 
     `process` identifies this process, see `dial`; `has_link_at` returns whether it has a link of the engine at a port.
-    `receive` gets a link and a message as Receive describes it, in a thread for each link.
+    `receive` gets a link and a message as Receive describes it, in a thread for each link. Raises OSError if there
+    can be no link here.
     """
 
     def __init__(self, process: str, has_link_at: Callable[[int], bool], receive: Callable[..., None]) -> None:
@@ -229,15 +227,20 @@ class LocalListener:
         self._receive = receive
         self._lock = threading.Lock()
         self._links: set[LocalLink] = set()
-        self._listener = _listener(process)
-        if self._listener is not None:
-            self._forget = engine_exit.close_at_exit(self.close)
-            engine_exit.start_thread(partial(self._accept, self._listener), "local links")
+        self._listener = _packet_socket()
+        try:
+            self._listener.bind(_name(process))
+            self._listener.listen(_MOST_LINKS)
+        except OSError:
+            self._listener.close()
+            raise
+        self._forget = engine_exit.close_at_exit(self.close)
+        engine_exit.start_thread(self._accept, "local links")
 
-    def _accept(self, listener: socket.socket) -> None:
+    def _accept(self) -> None:
         while True:
             try:
-                end, _ = listener.accept()
+                end, _ = self._listener.accept()
             except OSError as error:
                 if error.errno not in (errno.EMFILE, errno.ENFILE):  # it is closed
                     return
@@ -265,38 +268,21 @@ class LocalListener:
 
     def close(self) -> None:
         """Accept no more links, and end those that there are."""
-        if self._listener is not None:
-            self._forget()
-            with contextlib.suppress(OSError):
-                self._listener.shutdown(socket.SHUT_RDWR)
-            self._listener.close()
+        self._forget()
+        with contextlib.suppress(OSError):
+            self._listener.shutdown(socket.SHUT_RDWR)
+        self._listener.close()
         with self._lock:
             links = list(self._links)
         for link in links:
             link.close()
 
 
-def _listener(process: str) -> socket.socket | None:
-    """Return a socket that listens at the name of a process; None where there can be none."""
-    listener = _packet_socket()
-    if listener is not None:
-        try:
-            listener.bind(_name(process))
-            listener.listen(_MOST_LINKS)
-        except OSError:
-            listener.close()
-            return None
-    return listener
-
-
-def _packet_socket() -> socket.socket | None:
-    """Return a new packet socket; None where there are no abstract names, or the system grants no such socket."""
+def _packet_socket() -> socket.socket:
+    """Return a new packet socket; OSError if the system has no abstract names, or grants no such socket."""
     if not hasattr(socket, "SO_PEERCRED"):
-        return None
-    try:
-        return socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    except OSError:  # a service may be restricted to the internet's families; or no descriptor is free
-        return None
+        raise OSError("the sockets of this system have no abstract names")
+    return socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
 
 
 def _name(process: str) -> str:

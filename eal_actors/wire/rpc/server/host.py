@@ -8,6 +8,7 @@ is replaced and never changed, so the readers' threads use it without a lock.
 
 from __future__ import annotations
 
+import contextlib
 import secrets
 import threading
 from collections.abc import Callable, Iterable
@@ -82,7 +83,8 @@ class RobotHost(EALActor):
         self._outbox.launch()
         self._subscribe()
         if self._network.shared_memory and self._network.security is None:
-            self._local = LocalListener(self._services.process, self._has_link_at, self._receive)
+            with contextlib.suppress(OSError):  # then all calls come over the engine
+                self._local = LocalListener(self._services.process, self._has_link_at, self._receive)
         return super().launch()
 
     def _subscribe(self) -> None:
