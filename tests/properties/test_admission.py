@@ -6,6 +6,7 @@ network that delays, repeats, reorders and swallows, to a robot that is frozen n
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import pytest
@@ -209,7 +210,7 @@ class AdmissionMachine(RuleBasedStateMachine):
     def nothing_moves_unwatched(self) -> None:
         """Whatever moves has somebody who answers for it, and is due as soon as he is silent."""
         now_s, due_s = self.clock.now(), self.admission._commanders.due_s
-        assert due_s == min((last.heard_s + DEAD_MAN_S for last in self.moving.values()), default=None)
+        assert due_s == min((last.heard_s + DEAD_MAN_S for last in self.moving.values()), default=math.inf)
         assert all(last.heard_s <= now_s for last in self.moving.values())
 
     @invariant()

@@ -7,6 +7,7 @@ drives a robot.
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -174,7 +175,7 @@ class Teleop:
             self._halt_silent(self._clock.now())
             with self._lock:
                 due_s = self._dead_man.due_s
-            self._clock.wait(self._waiter, None if due_s is None else max(0.0, due_s - self._clock.now()))
+            self._clock.wait(self._waiter, None if due_s == math.inf else max(0.0, due_s - self._clock.now()))
 
     def _halt_silent(self, now_s: float) -> None:
         with self._lock:

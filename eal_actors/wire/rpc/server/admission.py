@@ -10,7 +10,7 @@ import contextlib
 import math
 import threading
 from collections import OrderedDict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping
 from typing import Final
 
 from eal_actors.actors.call import MOTION_METHODS
@@ -160,10 +160,10 @@ class Admission:
         with self._guard:
             self._commanders.heard(client, self._clock.now())
 
-    def leave(self, client: str) -> tuple[str, ...]:
-        """End a controller's leases; returns the resources to halt."""
+    def leave(self, client: str, among: Container[str] | None = None) -> tuple[str, ...]:
+        """End a controller's leases, all if `among` is None; returns the resources to halt."""
         with self._guard:
-            return self._commanders.leave(client)
+            return self._commanders.leave(client, among)
 
     def clients_of(self, caller: str) -> list[str]:
         """Return the controllers with the certificate of a name that hold or move anything."""
@@ -171,17 +171,11 @@ class Admission:
             clients = self._commanders.clients(self._clock.now())
         return sorted(client for client in clients if certificate_id(client) == certificate_id(client_id(caller, "")))
 
-    def release(self, client: str, resources: Sequence[str]) -> tuple[str, ...]:
-        """End a controller's leases of some resources; returns those to halt."""
-        with self._guard:
-            return self._commanders.leave(client, resources)
-
     def silences(self) -> tuple[LastCommander, ...]:
         """Return the resources to halt now because their controllers are silent; each silence is returned once."""
         with self._guard:
             due = self._commanders.due(self._clock.now())
-            next_s = self._commanders.due_s
-            self.quiet_until_s = math.inf if next_s is None else next_s
+            self.quiet_until_s = self._commanders.due_s
         return due
 
     def holders(self) -> dict[str, str]:

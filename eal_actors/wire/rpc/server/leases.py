@@ -24,6 +24,7 @@ former holder's resource is halted before the next one's command.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Container, Iterable
 from typing import Final, NamedTuple
 
@@ -105,9 +106,9 @@ class Commanders:
         return {self._last[resource].client for resource in self._moving}.union(self.holders(now_s).values())
 
     @property
-    def due_s(self) -> float | None:
-        """Robot's time of the next halt unless its client is heard before; None if nothing is watched."""
-        return min((self._end_s(self._last[resource]) for resource in self._moving), default=None)
+    def due_s(self) -> float:
+        """Robot's time of the next halt unless its client is heard before; infinite if nothing moves."""
+        return min((self._end_s(self._last[resource]) for resource in self._moving), default=math.inf)
 
     def halted(self, resource: str) -> None:
         """Note that a resource was halted by anybody."""

@@ -206,7 +206,7 @@ class RequestHandler:
 
     def release(self, header: CallHeader) -> Answer:
         """End leases of a controller and halt those resources. Thread: any; at once, since a command may follow."""
-        for resource in self._admission.release(header.client, [str(name) for name in header.arguments]):
+        for resource in self._admission.leave(header.client, list(map(str, header.arguments))):
             self._robot[resource].halt()
         return 1
 
