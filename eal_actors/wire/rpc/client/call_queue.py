@@ -61,6 +61,7 @@ class CallQueue:
     def __init__(self, channel: Channel, capacity: int) -> None:
         self._channel = channel
         self._lose_all = channel.lose_all
+        self._pending, self._heard = channel.pending, channel.stamper.heard
         self._name = channel.name
         self._controller = channel.controller
         self._second = channel.clock.of_real(1.0)
@@ -238,7 +239,7 @@ class CallQueue:
             self.tracker.commands[call_id] = call
         if span is not None:
             span.note("sent")
-        channel.pending[number] = tuple.__new__(SentCall, (self, call, call_id, now_s + left_s))
+        self._pending[number] = tuple.__new__(SentCall, (self, call, call_id, now_s + left_s))
         self.window.calls.add(call)
         key = self._keys.get((name, method))
         if key is None:
@@ -257,8 +258,8 @@ class CallQueue:
         except ProtocolError as error:
             sequence, answer, time = 0, error, None
         if time is not None:
-            self._channel.stamper.heard(time.era, time.time_s, REAL_TIME.now())
-        pending = self._channel.pending.pop(sequence, None)
+            self._heard(time.era, time.time_s, REAL_TIME.now())
+        pending = self._pending.pop(sequence, None)
         if type(pending) is SentCall:
             self.conclude(pending.call, pending.call_id, answer, time)
         elif pending is not None:

@@ -107,8 +107,8 @@ class Admission:
                 if method in _CLAIMING:
                     moves = method in MOTION_METHODS
                     self._commanders.command(header.client, resource, now_s, moves=moves)
-                    if moves:
-                        self.quiet_until_s = min(self.quiet_until_s, now_s + self._commanders.dead_man_s)
+                    if moves and self.quiet_until_s > (due_s := now_s + self._commanders.dead_man_s):
+                        self.quiet_until_s = due_s
                 else:
                     self._commanders.heard(header.client, now_s)
             except EALError as error:

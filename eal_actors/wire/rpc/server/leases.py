@@ -68,8 +68,9 @@ class Commanders:
         From a command that moves it on, the client is responsible for the resource. Raises ResourceBusyError if another
         client holds it.
         """
-        self.heard(client, now_s)
         last = self._last.get(resource)
+        if not moves or len(self._last) > (last is not None):  # else there is nothing more to renew
+            self.heard(client, now_s)
         if last is not None and last.client != client and self._is_held(last, now_s):
             left_s, holder = self._end_s(last) - now_s, self._name_of(last.client)
             why = f"held by controller {holder}, until it releases it or is silent for {left_s:.2f} s more"
