@@ -227,8 +227,11 @@ def test_the_dashboards_token_is_told_to_who_started_it_and_to_nobody_else(tmp_p
         for shown in ("wrong", token):
             with connect(f"ws://{place}/ws", origin=Origin(url), proxy=None) as page:
                 page.send(json.dumps({"do": "hello", "token": shown}))
-                page.send(json.dumps({"do": "start", "id": 1, "file": "look.yaml", "parameters": {}}))
-                heard += _until(page, "ended" if shown == token else "wrong token")
+                heard += _until(page, "now_s" if shown == token else "wrong token")
+                if shown == token:
+                    start = {"do": "start", "id": 1, "file": "look.yaml", "parameters": {}}
+                    page.send(json.dumps({**start, "heard_s": json.loads(heard[-1])["hello"]["now_s"]}))
+                    heard += _until(page, "ended")
     outputs = [*files_of(tmp_path / "runs"), ("stderr", (tmp_path / "dashboard.err").read_bytes())]
     outputs.append(("what the pages heard", "\n".join(heard).encode()))
 
