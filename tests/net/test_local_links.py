@@ -23,6 +23,7 @@ from eal_actors.actors.robot_view import RobotState
 from eal_actors.facade.service import RobotService, serve_together
 from eal_actors.kernel.errors import ProtocolError
 from eal_actors.wire.format import keys
+from eal_actors.wire.format.packing import PROTOCOL_VERSION
 from eal_actors.wire.local_link import LocalLink, dial
 from eal_actors.wire.rpc.client.controller import Controller
 from eal_actors.wire.security.certificates import make_authority, make_certificate
@@ -97,7 +98,7 @@ def test_a_killed_robot_leaves_no_name_and_is_reached_again(rig: Rig) -> None:
         robot = fleet["r1"]
         for number in range(3):
             assert links_of(robot)
-            name = f"@eal-3-{process_of(robot)}"
+            name = f"@eal-{PROTOCOL_VERSION}-{process_of(robot)}"
             assert name in names()
             assert robot["Arm"].send_cmd(f"step{number}").get() == number
             running["r1"].kill()
@@ -156,7 +157,7 @@ def test_the_fleet_file_can_rule_it_out(tmp_path: Path, sent: list[str]) -> None
     rig = Rig(tmp_path, network={"shared_memory": False})
     with rig.served_here() as fleet:
         assert fleet["r1"]["Arm"].send_cmd("step1").get() == 1
-        assert f"@eal-3-{process_of(fleet['r1'])}" not in names()
+        assert f"@eal-{PROTOCOL_VERSION}-{process_of(fleet['r1'])}" not in names()
         assert sent
 
 
@@ -169,7 +170,7 @@ def test_a_fleet_with_certificates_has_none(tmp_path: Path, sent: list[str]) -> 
     rig = Rig(tmp_path, network={"security": security}, protocol="tls")
     with rig.served_here() as fleet:
         assert fleet["r1"]["Arm"].send_cmd("step1").get() == 1
-        assert f"@eal-3-{process_of(fleet['r1'])}" not in names()
+        assert f"@eal-{PROTOCOL_VERSION}-{process_of(fleet['r1'])}" not in names()
         assert sent
 
 
@@ -200,7 +201,7 @@ def test_malformed_calls_harm_nobody(remote: RobotHandle) -> None:
 def test_who_does_not_greet_keeps_nobody_out(remote: RobotHandle) -> None:
     port = int(remote._actor.address.rpartition(":")[2])  # type: ignore[attr-defined]
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as silent:
-        silent.connect(f"\0eal-3-{process_of(remote)}")
+        silent.connect(f"\0eal-{PROTOCOL_VERSION}-{process_of(remote)}")
         assert silent.recv(1) == b""  # after a moment it is shown the door
     assert dial(process_of(remote), 1) is None  # there is no link at that port
     links = [dial(process_of(remote), port) for _ in range(20)]

@@ -19,7 +19,7 @@ from eal_actors.kernel import errors
 from eal_actors.kernel.errors import ConfigError, DataError, EALError, ProtocolError
 from eal_actors.wire.shared_memory import SharedValue
 
-PROTOCOL_VERSION: Final = 3
+PROTOCOL_VERSION: Final = 4
 """Incremented when an older reader would misunderstand a message; see docs/reference/wire-format.md."""
 MAX_ENVELOPE_BYTES: Final = 1024**2
 MAX_PAYLOAD_BYTES: Final = 64 * 1024**2

@@ -28,7 +28,7 @@ from eal_actors.wire.format.frames import (
 )
 from eal_actors.wire.format.images import require_codec
 from eal_actors.wire.format.messages import RobotTime
-from eal_actors.wire.format.packing import MAX_PAYLOAD_BYTES
+from eal_actors.wire.format.packing import MAX_PAYLOAD_BYTES, PROTOCOL_VERSION
 from eal_actors.wire.shared_memory import SharedValue
 
 TIME = RobotTime("e", 2.0)
@@ -38,7 +38,7 @@ GRADIENT = np.dstack([np.tile(np.arange(64, dtype=np.uint8) * 3, (48, 1)) + shif
 def test_a_raw_frame_as_bytes() -> None:
     # Written by hand after the table of docs/reference/wire-format.md and the msgpack specification.
     envelope = bytes.fromhex(
-        "97 03 01 95 a5 666c6f6174 c0 c0 c0 cb3ff8000000000000 a1 65 cb4000000000000000 cb3fe0000000000000 a3 726177"
+        "97 04 01 95 a5 666c6f6174 c0 c0 c0 cb3ff8000000000000 a1 65 cb4000000000000000 cb3fe0000000000000 a3 726177"
     )
     frame = StreamFrame(EALData.from_payload(EALData.of(0.5).type, b"\0" * 8).with_meta(stamp_s=1.5), TIME, 0.5)
     del frame
@@ -73,7 +73,7 @@ def test_each_reader_finds_its_place_in_shared_memory() -> None:
     assert decode_frame(envelope, data.payload).content == data
     for damage in ([[b"short", 1, 2, 3, 4]], [[b"1" * 16, 1, 2, 3]], [[b"1" * 16, 1, 2, 3, -4]], [7]):
         with pytest.raises(ProtocolError):
-            shared_place(msgpack.packb([3, 1, None, "e", 2.0, 0.0, "raw", damage]), "31" * 16)
+            shared_place(msgpack.packb([PROTOCOL_VERSION, 1, None, "e", 2.0, 0.0, "raw", damage]), "31" * 16)
 
 
 def test_an_error_arrives_as_itself() -> None:

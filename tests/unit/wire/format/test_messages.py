@@ -23,7 +23,7 @@ from eal_actors.kernel.errors import (
 )
 from eal_actors.wire.format import messages as wire
 from eal_actors.wire.format.messages import ACCEPTED, CallHeader, CallId, CallReply, Heartbeat, RobotEvent, RobotTime
-from eal_actors.wire.format.packing import MAX_CALL_BYTES, MAX_PAYLOAD_BYTES, Buffer
+from eal_actors.wire.format.packing import MAX_CALL_BYTES, MAX_PAYLOAD_BYTES, PROTOCOL_VERSION, Buffer
 from eal_actors.wire.shared_memory import SharedValue
 
 CLIENT = 2 * "0123456789abcdef"
@@ -58,14 +58,14 @@ def decode_answer(envelope: Buffer, payload: Buffer = b"") -> wire.Answer:
         pytest.param(
             CALL,
             None,
-            "99 03 c4100123456789abcdef0123456789abcdef 03 11 cb3fe0000000000000 cb4000000000000000 c0 91a3723435 c0",
+            "99 04 c4100123456789abcdef0123456789abcdef 03 11 cb3fe0000000000000 cb4000000000000000 c0 91a3723435 c0",
             "",
             id="send_cmd r45",
         ),
         pytest.param(
             CallHeader("ff" * 16, 0, 300, 2.0, 2.0, 12.0),
             EALData.of(1.5, unit="m", stamp_s=12.5),
-            "99 03 c410ffffffffffffffffffffffffffffffff 00 cd012c cb4000000000000000 cb4000000000000000 "
+            "99 04 c410ffffffffffffffffffffffffffffffff 00 cd012c cb4000000000000000 cb4000000000000000 "
             "cb4028000000000000 90 95 a6646f75626c65 c0 a16d c0 cb4029000000000000",
             "000000000000f83f",
             id="set_value 1.5 m at 12 s",
@@ -73,7 +73,7 @@ def decode_answer(envelope: Buffer, payload: Buffer = b"") -> wire.Answer:
         pytest.param(
             CallHeader("ff" * 16, 0, 1, 1.0, 2.0, None, (), "ab", 0.5, 0.25),
             None,
-            "9c 03 c410ffffffffffffffffffffffffffffffff 00 01 cb3ff0000000000000 cb4000000000000000 c0 90 c0"
+            "9c 04 c410ffffffffffffffffffffffffffffffff 00 01 cb3ff0000000000000 cb4000000000000000 c0 90 c0"
             "a26162 cb3fe0000000000000 cb3fd0000000000000",
             "",
             id="with an echo",
@@ -81,7 +81,7 @@ def decode_answer(envelope: Buffer, payload: Buffer = b"") -> wire.Answer:
         pytest.param(
             CALL._replace(traceparent=TRACEPARENT),
             None,
-            "9e 03 c4100123456789abcdef0123456789abcdef 03 11 cb3fe0000000000000 cb4000000000000000 c0 91a3723435 c0"
+            "9e 04 c4100123456789abcdef0123456789abcdef 03 11 cb3fe0000000000000 cb4000000000000000 c0 91a3723435 c0"
             f"a0 cb0000000000000000 cb0000000000000000 c2 d937 {TRACEPARENT.encode().hex()}",
             "",
             id="a part of a trace",
@@ -96,15 +96,15 @@ def test_a_call_as_bytes(header: CallHeader, data: EALData | None, envelope: str
 @pytest.mark.parametrize(
     ("answer", "envelope", "payload"),
     [
-        pytest.param(-1, raw("94 03 07 00 ff"), "", id="status"),
+        pytest.param(-1, raw("94 04 07 00 ff"), "", id="status"),
         pytest.param(
             EALData.of(np.array([[1, 2, 3], [4, 5, 6]], "u1"), frame_id="cam"),
-            raw("94 03 07 01 95 af{type} 920203 c0 a3{frame} c0", type="unsigned char[]", frame="cam"),
+            raw("94 04 07 01 95 af{type} 920203 c0 a3{frame} c0", type="unsigned char[]", frame="cam"),
             "010203040506",
             id="image",
         ),
-        pytest.param({"state": "up"}, raw("94 03 07 03 81 a5{k} a2{v}", k="state", v="up"), "", id="fields"),
-        pytest.param(ACCEPTED, raw("94 03 07 04 c0"), "", id="accepted"),
+        pytest.param({"state": "up"}, raw("94 04 07 03 81 a5{k} a2{v}", k="state", v="up"), "", id="fields"),
+        pytest.param(ACCEPTED, raw("94 04 07 04 c0"), "", id="accepted"),
     ],
 )
 def test_an_answer_as_bytes(answer: wire.Answer, envelope: bytes, payload: str) -> None:
@@ -115,14 +115,14 @@ def test_an_answer_as_bytes(answer: wire.Answer, envelope: bytes, payload: str) 
 
 def test_an_answer_with_the_robots_clock_as_bytes() -> None:
     reply = CallReply(300, 1, RobotTime("ab", 0.5, 0.25))
-    envelope = bytes.fromhex("97 03 cd012c 00 01 a26162 cb3fe0000000000000 cb3fd0000000000000")
+    envelope = bytes.fromhex("97 04 cd012c 00 01 a26162 cb3fe0000000000000 cb3fd0000000000000")
     assert wire.encode_reply(reply) == (envelope, b"")
     assert wire.decode_reply(envelope) == reply
 
 
 def test_an_answer_in_shared_memory_as_bytes() -> None:
     data, place = EALData.of(1.5), SharedValue(300, 2, 9, 8)
-    packed = raw("98 03 07 01 95 a6646f75626c65 c0 c0 c0 c0 c0 c0 c0 94 cd012c 02 09 08")
+    packed = raw("98 04 07 01 95 a6646f75626c65 c0 c0 c0 c0 c0 c0 c0 94 cd012c 02 09 08")
     assert wire.encode_reply(CallReply(7, data), place) == (packed, b"")
     assert wire.decode_reply(packed, b"", lambda it: bytes(data.payload) if it == place else b"") == (7, data, None)
     with pytest.raises(ProtocolError):
@@ -137,11 +137,11 @@ def test_an_answer_in_shared_memory_as_bytes() -> None:
 
 
 def test_true_is_a_status() -> None:
-    assert encode_answer(True) == (bytes.fromhex("9403070001"), b"")
+    assert encode_answer(True) == (bytes.fromhex("9404070001"), b"")
 
 
 def test_an_error_as_bytes() -> None:
-    envelope = raw("94 03 07 02 94 a8{c} a7{m} a2{r} a5{s}", c="deadline", m="no echo", r="r1", s="Sonar")
+    envelope = raw("94 04 07 02 94 a8{c} a7{m} a2{r} a5{s}", c="deadline", m="no echo", r="r1", s="Sonar")
     assert encode_answer(DeadlineError("no echo", robot="r1", resource="Sonar")) == (envelope, b"")
     back = decode_answer(envelope)
     assert type(back) is DeadlineError
@@ -151,7 +151,7 @@ def test_an_error_as_bytes() -> None:
 def test_an_event_as_bytes() -> None:
     event = RobotEvent("result", 12.5, CallId(CLIENT, 3, 17), 1)
     envelope = raw(
-        "85 a7{version} 03 a4{kind} a6{result} a7{stamp_s} cb4029000000000000"
+        "85 a7{version} 04 a4{kind} a6{result} a7{stamp_s} cb4029000000000000"
         "a4{call} 93c4100123456789abcdef0123456789abcdef0311 a6{answer} 920001",
         **{name: name for name in ("version", "kind", "result", "stamp_s", "call", "answer")},
     )
@@ -162,7 +162,7 @@ def test_an_event_as_bytes() -> None:
 def test_a_heartbeat_as_bytes() -> None:
     beat = Heartbeat(CLIENT, "anna")
     envelope = raw(
-        "83 a7{version} 03 a6{client} c4100123456789abcdef0123456789abcdef a4{name} a4{anna}",
+        "83 a7{version} 04 a6{client} c4100123456789abcdef0123456789abcdef a4{name} a4{anna}",
         **{name: name for name in ("version", "client", "name", "anna")},
     )
     assert wire.encode_heartbeat(beat) == envelope
@@ -307,7 +307,7 @@ def test_a_config_error_arrives_as_its_message() -> None:
 
 
 def test_an_error_of_an_unknown_kind_keeps_its_code_in_the_message() -> None:
-    envelope = msgpack.packb([3, 7, 2, ["too_hot", "60 °C", "r1", None]])
+    envelope = msgpack.packb([PROTOCOL_VERSION, 7, 2, ["too_hot", "60 °C", "r1", None]])
     back = decode_answer(envelope)
     assert type(back) is EALError
     assert str(back) == "r1: 60 °C (an error of a kind unknown here: 'too_hot')"

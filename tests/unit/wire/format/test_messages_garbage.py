@@ -16,6 +16,7 @@ from eal_actors.device.data import EALData, Payload
 from eal_actors.kernel.errors import DeadlineError, ProtocolError
 from eal_actors.wire.format import messages as wire
 from eal_actors.wire.format.messages import CallHeader, CallId, Heartbeat, RobotEvent
+from eal_actors.wire.format.packing import PROTOCOL_VERSION
 
 CLIENT = 2 * "0123456789abcdef"
 CALL = CallHeader(CLIENT, 3, 17, 0.5, 2.0, None, ("r45",), "8f3a", 5.0, 0.25)
@@ -34,11 +35,13 @@ def encode_answer(answer: wire.Answer) -> tuple[bytes, Payload]:
 # Other versions.
 
 
-@pytest.mark.parametrize("version", [0, 1, 2, 4, None, True, "3"])
+@pytest.mark.parametrize("version", [0, 1, PROTOCOL_VERSION - 1, PROTOCOL_VERSION + 1, None, True, "4"])
 @pytest.mark.parametrize("name", DECODERS)
 def test_another_version_is_named_with_ours(name: str, version: object) -> None:
     form = [version, "x"] if name in ("call", "answer") else {"version": version}
-    with pytest.raises(ProtocolError, match=f"speaks version {version!r} of the protocol, this one 3; install"):
+    with pytest.raises(
+        ProtocolError, match=f"speaks version {version!r} of the protocol, this one {PROTOCOL_VERSION};"
+    ):
         DECODERS[name](msgpack.packb(form))
 
 
@@ -48,7 +51,7 @@ def test_what_later_versions_add_is_passed_over() -> None:
     row = msgpack.unpackb(envelope)
     row[8].append({"new": 1})
     assert wire.decode_call(msgpack.packb([*row, False, "", "new", 2]), payload) == (CALL, data)
-    assert wire.decode_reply(msgpack.packb([3, 9, 0, 5, "8f3a", 2.5, None, "new"])) == (
+    assert wire.decode_reply(msgpack.packb([PROTOCOL_VERSION, 9, 0, 5, "8f3a", 2.5, None, "new"])) == (
         9,
         5,
         wire.RobotTime("8f3a", 2.5),
@@ -112,7 +115,7 @@ TYPE_NAMES = st.sampled_from(["int", "double[]", "char[]", "unsigned char[]", "c
 LOOKS_LIKE_A_TYPE = st.tuples(TYPE_NAMES, st.lists(st.integers(-1, 2**40)) | st.none() | PLAIN, PLAIN, PLAIN, PLAIN)
 LOOKS_LIKE_AN_ANSWER = st.tuples(st.integers(-1, 5) | PLAIN, LOOKS_LIKE_A_TYPE | PLAIN)
 LOOKS_LIKE_A_CALL = st.tuples(
-    st.just(3),
+    st.just(PROTOCOL_VERSION),
     st.binary(min_size=16, max_size=16),
     *[st.integers(0, 9) | PLAIN] * 4,
     PLAIN,
@@ -120,7 +123,7 @@ LOOKS_LIKE_A_CALL = st.tuples(
     LOOKS_LIKE_A_TYPE | PLAIN,
 )
 LOOKS_LIKE_AN_EVENT = st.fixed_dictionaries(
-    {"version": st.just(3), "kind": TEXT | PLAIN, "stamp_s": st.floats() | PLAIN},
+    {"version": st.just(PROTOCOL_VERSION), "kind": TEXT | PLAIN, "stamp_s": st.floats() | PLAIN},
     optional={
         "call": st.tuples(st.binary(min_size=16, max_size=16), COUNTS, COUNTS) | PLAIN,
         "answer": LOOKS_LIKE_AN_ANSWER | PLAIN,
@@ -141,10 +144,10 @@ def test_any_bytes_are_refused_or_understood(name: str, envelope: bytes, payload
 @given(
     NAMES,
     LOOKS_LIKE_A_CALL
-    | st.tuples(st.just(3), COUNTS, PLAIN, PLAIN)
+    | st.tuples(st.just(PROTOCOL_VERSION), COUNTS, PLAIN, PLAIN)
     | LOOKS_LIKE_AN_EVENT
     | PLAIN
-    | LOOKS_LIKE_AN_ANSWER.map(lambda answer: (3, 9, *answer)),
+    | LOOKS_LIKE_AN_ANSWER.map(lambda answer: (PROTOCOL_VERSION, 9, *answer)),
     st.binary(max_size=16),
 )
 def test_any_msgpack_is_refused_or_understood(name: str, fields: object, payload: bytes) -> None:

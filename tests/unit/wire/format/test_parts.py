@@ -12,7 +12,7 @@ from eal_actors.kernel.errors import BusyError, ProtocolError
 from eal_actors.wire.format import parts
 from eal_actors.wire.format.batches import MAX_ROWS, encode_batch
 from eal_actors.wire.format.messages import CallHeader, encode_call
-from eal_actors.wire.format.packing import pack
+from eal_actors.wire.format.packing import PROTOCOL_VERSION, pack
 from tests.manual_clock import ManualClock
 
 SECRET = "0" * 32
@@ -21,7 +21,7 @@ HALF = parts.MAX_BYTES // 2
 
 
 def first_part(number: int, total: int) -> tuple[bytes, bytes]:
-    return pack((3, number, 0, total, 0), "part"), bytes(10)
+    return pack((PROTOCOL_VERSION, number, 0, total, 0), "part"), bytes(10)
 
 
 def envelope_of(number: int, text: str = "") -> bytes:
@@ -63,16 +63,16 @@ def test_calls_may_be_interleaved() -> None:
 @pytest.mark.parametrize(
     ("row", "payload"),
     [
-        ((3, 0, 0, parts.MAX_BYTES + 1, 0), b"x"),
-        ((3, 0, 0, 10, 11), b"x"),
-        ((3, 0, 0, 10, 1), b""),
-        ((3, 0, 0, 10, 1), bytes(11)),
-        ((3, 0, 11, 10, 1), b"x"),
-        ((3, 0, -1, 10, 1), b"x"),
-        ((3, 0, 0.0, 10, 1), b"x"),
-        ((3, None, 0, 10, 1), b"x"),
+        ((PROTOCOL_VERSION, 0, 0, parts.MAX_BYTES + 1, 0), b"x"),
+        ((PROTOCOL_VERSION, 0, 0, 10, 11), b"x"),
+        ((PROTOCOL_VERSION, 0, 0, 10, 1), b""),
+        ((PROTOCOL_VERSION, 0, 0, 10, 1), bytes(11)),
+        ((PROTOCOL_VERSION, 0, 11, 10, 1), b"x"),
+        ((PROTOCOL_VERSION, 0, -1, 10, 1), b"x"),
+        ((PROTOCOL_VERSION, 0, 0.0, 10, 1), b"x"),
+        ((PROTOCOL_VERSION, None, 0, 10, 1), b"x"),
         ((2, 0, 0, 10, 1), b"x"),
-        ((3, 0, 0, 10), b"x"),
+        ((PROTOCOL_VERSION, 0, 0, 10), b"x"),
     ],
 )
 def test_what_is_no_part_is_refused(row: tuple[object, ...], payload: bytes) -> None:
@@ -120,10 +120,10 @@ def test_tiny_calls_that_never_end_are_few() -> None:
     store = parts.PartStore()
     most = parts.MAX_BYTES // parts.PART_BYTES
     for number in range(most):
-        assert store.add(ANNA, pack((3, number, 0, 2, 0), "part"), b"x") is None
+        assert store.add(ANNA, pack((PROTOCOL_VERSION, number, 0, 2, 0), "part"), b"x") is None
     with pytest.raises(BusyError):
-        store.add(ANNA, pack((3, most, 0, 2, 0), "part"), b"x")
-    assert store.add(BERT, pack((3, 0, 0, 2, 0), "part"), b"x") is None
+        store.add(ANNA, pack((PROTOCOL_VERSION, most, 0, 2, 0), "part"), b"x")
+    assert store.add(BERT, pack((PROTOCOL_VERSION, 0, 0, 2, 0), "part"), b"x") is None
 
 
 def test_who_only_begins_the_largest_calls_makes_no_buffers_for_them() -> None:
@@ -132,7 +132,7 @@ def test_who_only_begins_the_largest_calls_makes_no_buffers_for_them() -> None:
     try:
         for number in range(100):
             store.add(ANNA, *first_part(number, parts.MAX_BYTES))
-            store.add(ANNA, pack((3, number, 7, parts.MAX_BYTES, 0), "part"), b"x")  # not the next one
+            store.add(ANNA, pack((PROTOCOL_VERSION, number, 7, parts.MAX_BYTES, 0), "part"), b"x")  # not the next one
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
