@@ -58,9 +58,10 @@ class Scene:
         return Target(holder.name, holder.secret, holder.id, holder.epoch, holder.sequence)
 
     def settle(self) -> None:
-        """Wait until the robot has received what the attackers sent."""
+        """Wait until the robot has handled what the attackers sent; calls of the robot itself wait in a queue."""
         for other in self.others.values():
             other.ping()
+        self.holder.call(keys.ROBOT, keys.REATTACH)
 
 
 @contextmanager

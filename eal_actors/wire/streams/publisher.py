@@ -58,6 +58,8 @@ class StreamPublisher(EALActor):
         self._era = era
         self._share = share
         self._streams: dict[str, _PublishedStream] = {}
+        self._due: list[tuple[str, str]] = []
+        """Streams and clients whose lease its thread will begin or renew: a burst of requests counts at once."""
         self._starting = threading.Lock()
         self._log = get_logger(robot=robot.name)
 
@@ -71,10 +73,11 @@ class StreamPublisher(EALActor):
         spec, lease_s = parse_stream_request(header.arguments)
         spec.check_resource(handle.info)
         key = keys.stream_key(self._fleet, self._robot.name, handle.name, spec.encoding, rate_text(spec))
-        if lease_s:
-            require_codec(spec.encoding)
-            self._check_room(key, header.client)
         with self._starting:
+            if lease_s:
+                require_codec(spec.encoding)
+                self._check_room(key, header.client)
+                self._due.append((key, header.client))
             if self.thread is None:
                 self.launch()
         self.run_soon(lambda: self._renew(key, handle, spec, header.client, lease_s))
@@ -82,11 +85,14 @@ class StreamPublisher(EALActor):
     def _check_room(self, key: str, client: str) -> None:
         """Raise BusyError if the certificate of a client reads too many streams, or the stream too often."""
         owner = keys.certificate_id(client)
-        streams = dict(self._streams)
-        if (stream := streams.get(key)) is None:
-            if sum(stream.count(owner) > 0 for stream in streams.values()) >= _MAX_STREAMS:
-                raise BusyError(f"the robot publishes {_MAX_STREAMS} streams for this certificate already")
-        elif client not in stream.leases and stream.count(owner) >= _MAX_READERS:
+        readers = list(self._due)
+        readers += [(name, reader) for name, stream in list(self._streams.items()) for reader in list(stream.leases)]
+        ours = {(name, reader) for name, reader in readers if keys.certificate_id(reader) == owner}
+        if (key, client) in ours:
+            return
+        if key not in (streams := {name for name, _ in ours}) and len(streams) >= _MAX_STREAMS:
+            raise BusyError(f"the robot publishes {_MAX_STREAMS} streams for this certificate already")
+        if sum(name == key for name, _ in ours) >= _MAX_READERS:
             raise BusyError(f"the stream has {_MAX_READERS} readers with this certificate already")
 
     def leave(self, client: str) -> None:
@@ -122,9 +128,12 @@ class StreamPublisher(EALActor):
         if not lease_s:
             self._forget(client, key)
             return
-        if (stream := self._streams.get(key)) is None:
-            stream = self._streams[key] = _PublishedStream(self, key, handle, spec)
-        stream.leases[client] = REAL_TIME.now() + lease_s
+        try:
+            if (stream := self._streams.get(key)) is None:
+                stream = self._streams[key] = _PublishedStream(self, key, handle, spec)
+            stream.leases[client] = REAL_TIME.now() + lease_s
+        finally:
+            self._due.remove((key, client))
 
     def _forget(self, client: str, key: str | None = None) -> None:
         for name, stream in self._streams.items():
@@ -191,10 +200,6 @@ class _PublishedStream:
         self._lock = threading.Lock()
         self._item: Item | None = None
         self.feed = handle.open_feed(spec, self.offer)
-
-    def count(self, owner: str) -> int:
-        """Return the number of its readers with a certificate. Thread: any."""
-        return sum(keys.certificate_id(reader) == owner for reader in list(self.leases))
 
     def offer(self, item: Item) -> None:
         with self._lock:
