@@ -113,7 +113,7 @@ class Stranger:
 @contextmanager
 def stranger(rig: Rig) -> Iterator[Stranger]:
     with open_session(controller_config(rig.config)) as session:
-        assert eventually(lambda: list(session.liveliness().get("eal/f/@alive/3/r1")))
+        assert eventually(lambda: list(session.liveliness().get(f"eal/f/@alive/{PROTOCOL_VERSION}/r1")))
         yield Stranger(session)
 
 
@@ -204,7 +204,7 @@ def test_a_robot_of_another_version_is_not_let_in(rig: Rig) -> None:
         answers.start()
         with (
             impostor.declare_subscriber("eal/f/r1/*/*/*/*", zenoh.handlers.Callback(hear, indirect=False)),
-            impostor.liveliness().declare_token("eal/f/@alive/3/r1"),
+            impostor.liveliness().declare_token(f"eal/f/@alive/{PROTOCOL_VERSION}/r1"),
             Fleet(rig.config) as fleet,
         ):
             assert clock.now() < 15.0  # it was not waited for as one that still starts
