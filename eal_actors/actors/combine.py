@@ -116,7 +116,7 @@ def first(futures: Iterable[Future[T]]) -> Future[T]:
 
     Raises CallError if there is no future. Thread: any; does not block.
     """
-    parts = list(futures)
+    parts = _all_or_none(futures)
     if not parts:
         raise CallError("first() needs at least one future")
     combined: _CombinedFuture[T] = _CombinedFuture(parts, "first")

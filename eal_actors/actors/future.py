@@ -364,7 +364,9 @@ class _MappedFuture(Future[T]):
 
     @override
     def expire(self) -> None:
+        """Let the source fail with its own deadline first; its result may still wait for its turn to be mapped."""
         self._source.expire()
+        super().expire()
 
     @override
     def _given_up(self) -> None:

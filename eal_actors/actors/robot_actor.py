@@ -79,6 +79,7 @@ class RobotActor(EALActor, RobotConnection):
         self._plugins: OpenPlugins | None = None
         self._children: dict[str, ResourceActor] = {}
         self._starting: set[str] = set()
+        self._gone: set[str] = set()  # resources that have crashed, were halted by that, and are not restarted
         self._intensity = RestartIntensity(spec.max_restarts, spec.restart_window_s)
         self._callbacks = ResourceCallbacks(
             up=lambda actor, info: self.run_soon(lambda: self._on_up(actor, info)),
@@ -144,6 +145,7 @@ class RobotActor(EALActor, RobotConnection):
         self._starting.discard(name)
         self._log.debug("resource is up", resource=name)
         self._ready_if_all_up()
+        self._stop_again()
 
     def _ready_if_all_up(self) -> None:
         if not self._starting and self.view.state is RobotState.STARTING and not self._stopping:
@@ -178,6 +180,9 @@ class RobotActor(EALActor, RobotConnection):
             cell.error = UnavailableError(f"{reason}; it is not restarted ({restart.value})")
             self._log.error("resource is gone", resource=name, reason=reason)
             self._starting.discard(name)
+            if not isinstance(error, UnavailableError):  # a stuck one may still move
+                self._gone.add(name)
+                self._stop_again()
             self._ready_if_all_up()
             return
         if (delay_s := self._intensity.next_delay_s(self.clock.now())) is None:
@@ -242,10 +247,16 @@ class RobotActor(EALActor, RobotConnection):
     def stop_now(self, reason: str) -> Future[None]:
         self.view.latch.set(reason)
         halts = []
-        for cell in self.view.cells.values():
-            halts.append(halt := Call[Any](cell, "halt", (), cell.timeout_s))
-            cell.submit_urgent(halt, stops=True)
+        for name, cell in self.view.cells.items():
+            if name not in self._gone:
+                halts.append(halt := Call[Any](cell, "halt", (), cell.timeout_s))
+                cell.submit_urgent(halt, stops=True)
         return gather(halts).map(lambda _: self._confirm_stop())
+
+    def _stop_again(self) -> None:
+        """Repeat an emergency stop that is not confirmed, because a resource was not there to be halted."""
+        if (reason := self.view.latch.reason) is not None and not self.view.latch.is_confirmed:
+            self.stop_now(reason)
 
     def _confirm_stop(self) -> None:
         """Record that the robot has halted, or raise NotReadyError if a halt waits for a device that is absent."""

@@ -13,8 +13,8 @@ from eal_actors.managers.fleet_model import FleetConfig, RobotConfig
 class FleetChanges:
     """The names of the robots that a reload changes, in the order of the file.
 
-    `restarted` are the others whose connection has changed: address, plugins, settings, mailbox, deadline, restarts.
-    `relabelled` are the others whose tags or types have changed.
+    `restarted` are the others whose connection has changed: address, plugins, settings, start pose, mailbox, deadline,
+    restarts. `relabelled` are the others whose tags or types have changed.
     """
 
     added: tuple[str, ...] = ()
@@ -74,4 +74,4 @@ def _connection(robot: RobotConfig) -> tuple[Any, ...]:
     if robot.address is not None:
         return common
     plugins = [(one.instance, one.plugin, one.settings) for one in robot.plugins.values()]
-    return (*common, plugins, robot.restart, robot.max_restarts, robot.restart_window_s)
+    return (*common, plugins, robot.pose.start, robot.restart, robot.max_restarts, robot.restart_window_s)

@@ -292,6 +292,16 @@ def test_settling_wakes_and_relays_at_once_and_leaves_callbacks_for_later() -> N
     assert (called, doubled.get()) == ([together], 2)
 
 
+def test_a_mapped_result_that_must_wait_for_other_callbacks_fails_at_the_deadline() -> None:
+    clock = ManualClock()
+    source: Future[int] = Future(clock, deadline_s=1.0)
+    mapped = source.map(lambda value: 2 * value)
+    source.settle(21, None, lambda _: None)  # the thread of callbacks does not come to it
+    clock.advance(1.0)
+    with pytest.raises(DeadlineError):
+        mapped.get()
+
+
 def test_the_first_success_gives_up_the_others_later() -> None:
     parts: list[Future[int]] = [Future() for _ in range(2)]
     quickest = first(parts)

@@ -147,6 +147,12 @@ def test_tags_change_without_a_restart(write: Write) -> None:
         assert not drive.done()
 
 
+def test_a_robot_with_another_start_is_connected_anew(write: Write) -> None:
+    with Fleet.load(write(TWO)) as fleet:
+        write(TWO.replace("two: {", "two: {pose: {start: {x_m: 1, y_m: 2}}, "))
+        assert fleet.reload() == FleetChanges(restarted=("two",))
+
+
 def test_an_unchanged_file_changes_nothing(write: Write) -> None:
     with Fleet.load(write(TWO)) as fleet:
         drive = fleet["two"]["Base"].send_cmd("drive")

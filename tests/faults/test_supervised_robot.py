@@ -150,6 +150,23 @@ def test_a_temporary_resource_is_not_restarted() -> None:
         assert (robot.state, robot.restarts) == (RobotState.READY, {})
 
 
+@pytest.mark.parametrize("restart", [Restart.PERMANENT, Restart.TEMPORARY])
+def test_an_emergency_stop_is_confirmed_though_a_resource_has_crashed(restart: Restart) -> None:
+    notes: list[str] = []
+    resources = {"Motor": partial(Motor, notes), "Crashed": partial(Motor, [])}
+    with running_robot(resources, restart=restart) as robot:
+        driving = robot["Motor"].send_cmd("drive")
+        with pytest.raises(ResourceFaultError):
+            robot["Crashed"].send_cmd("exit").get()
+        robot.stop("smoke")  # fails if the crash is not known yet
+        with pytest.raises(PreemptedError, match="smoke"):
+            driving.get()
+        assert eventually(lambda: robot.is_stop_confirmed)
+        robot.stop("again").get()
+        assert robot.stopped_because == "smoke"
+        assert notes.count("halt") >= 1
+
+
 def test_an_error_in_a_background_activity_restarts_the_resource() -> None:
     lives = itertools.count(1)
 
