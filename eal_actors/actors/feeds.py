@@ -8,16 +8,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, Literal, Protocol, TypeAlias, get_args
+from typing import Final, Protocol, TypeAlias
 
 from eal_actors.device.data import DataType, EALData
+from eal_actors.device.data.images import ENCODINGS, Encoding
 from eal_actors.device.info import ResourceInfo, ValueInfo
 from eal_actors.kernel.errors import ArgumentError, EALError, UnsupportedError
-
-Encoding: TypeAlias = Literal["raw", "jpeg", "png"]
-"""The encoding of a frame on the network. JPEG loses a little, the others nothing. The reader gets an image again."""
-
-ENCODINGS: Final[tuple[str, ...]] = get_args(Encoding)
 
 MAX_RATE_HZ: Final = 1000.0
 

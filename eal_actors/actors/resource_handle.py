@@ -7,12 +7,13 @@ from collections.abc import Callable
 from typing import Any
 
 from eal_actors.actors.call import Call, ResourceCell
-from eal_actors.actors.feeds import Encoding, Feed, Sink, StreamSpec
+from eal_actors.actors.feeds import Feed, Sink, StreamSpec
 from eal_actors.actors.future import Future, Relay
 from eal_actors.actors.resource_actor import data_of
 from eal_actors.actors.robot_view import MailboxLoad, mailbox_load
 from eal_actors.actors.streams import PolledFeed, Stream
 from eal_actors.device.data import EALData
+from eal_actors.device.data.images import Encoding
 from eal_actors.device.info import ResourceInfo
 from eal_actors.device.link import FaultyLink
 from eal_actors.device.resource import Resource

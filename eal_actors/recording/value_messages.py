@@ -7,6 +7,7 @@ from typing import Final
 
 from eal_actors.actors.handles import ResourceHandle
 from eal_actors.device.data import EALData
+from eal_actors.device.data.images import encode_image
 from eal_actors.device.info import ResourceInfo
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import EALError, error_text
@@ -15,7 +16,6 @@ from eal_actors.recording import messages, schemas
 from eal_actors.recording.messages import Message
 from eal_actors.recording.sampler import SampleSpec
 from eal_actors.recording.schemas import MessageSchema
-from eal_actors.wire.format.images import encode_image
 
 _ANGLES: Final = "angles"
 """The request for the directions of a scanner's rays."""

@@ -11,8 +11,8 @@ import pytest
 import zenoh
 
 from eal_actors import Fleet
-from eal_actors.actors.feeds import Encoding
 from eal_actors.actors.robot_view import RobotState
+from eal_actors.device.data.images import Encoding
 from eal_actors.kernel.clock import SystemClock
 from eal_actors.kernel.errors import ArgumentError, DeadlineError, EALError, UnavailableError, UnsupportedError
 from eal_actors.wire.format.frames import LEASE_S

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from eal_actors.actors.handles import RobotHandle
+from eal_actors.device.data.images import encode_image
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.bundled import bundled_names, bundled_path
 from eal_actors.kernel.errors import ArgumentError, EALError
 from eal_actors.operate.dashboard.state_store import to_json_value
 from eal_actors.operate.dashboard.values import infos_of, is_live
 from eal_actors.recording import RunFolder
-from eal_actors.wire.format.images import encode_image
 
 _ANSWER_S: Final = 2.0  # real seconds for a resource's answer
 _PICTURE_S: Final = 10.0

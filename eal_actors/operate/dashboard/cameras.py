@@ -10,11 +10,11 @@ from typing import Final, TypeAlias
 
 from eal_actors.actors.streams import Stream
 from eal_actors.device.data import EALData
+from eal_actors.device.data.images import encode_image
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.errors import ArgumentError, EALError, UnsupportedError, error_text
 from eal_actors.operate.dashboard.limits import MAX_FRAMES_PER_S
-from eal_actors.wire.format.images import encode_image
 
 CameraKey: TypeAlias = tuple[str, str]
 """A robot and its resource."""

@@ -11,11 +11,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, cast
 
-from eal_actors.actors.feeds import ENCODINGS, Encoding, StreamSpec
+from eal_actors.actors.feeds import StreamSpec
 from eal_actors.device.data import EALData, Payload
 from eal_actors.device.data.c_types import short_repr
+from eal_actors.device.data.images import ENCODINGS, Encoding, decode_image, encode_image
 from eal_actors.kernel.errors import DataError, EALError, ProtocolError
-from eal_actors.wire.format.images import decode_image, encode_image
 from eal_actors.wire.format.messages import Arguments, RobotTime
 from eal_actors.wire.format.packing import (
     MAX_PAYLOAD_BYTES,

@@ -17,12 +17,12 @@ from eal_actors.actors.actor import EALActor
 from eal_actors.actors.feeds import Item, StreamSpec
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
 from eal_actors.device.data import EALData, Payload
+from eal_actors.device.data.images import require_codec
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import BusyError, EALError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.frames import StreamFrame, encode_frame, parse_stream_request, rate_text
-from eal_actors.wire.format.images import require_codec
 from eal_actors.wire.format.messages import CallHeader, RobotTime
 from eal_actors.wire.rpc.server.outbox import Outbox
 from eal_actors.wire.shared_memory import SharedValue

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Final
 from eal_actors.actors.call import ResourceCell
 from eal_actors.actors.feeds import Item, Sink, StreamSpec
 from eal_actors.device.data import EALData, Payload
+from eal_actors.device.data.images import require_codec
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import EALError
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.frames import LEASE_S, canonical, decode_frame, rate_text, shared_place, stream_request
-from eal_actors.wire.format.images import require_codec
 from eal_actors.wire.format.messages import Answer
 from eal_actors.wire.rpc.client.channel import Channel
 

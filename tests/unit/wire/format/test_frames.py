@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eal_actors.actors.feeds import Encoding, StreamSpec
+from eal_actors.actors.feeds import StreamSpec
 from eal_actors.device.data import EALData
+from eal_actors.device.data.images import Encoding, require_codec
 from eal_actors.kernel.errors import (
     ArgumentError,
     DataError,
@@ -26,7 +27,6 @@ from eal_actors.wire.format.frames import (
     shared_place,
     stream_request,
 )
-from eal_actors.wire.format.images import require_codec
 from eal_actors.wire.format.messages import RobotTime
 from eal_actors.wire.format.packing import MAX_PAYLOAD_BYTES, PROTOCOL_VERSION
 from eal_actors.wire.shared_memory import SharedValue

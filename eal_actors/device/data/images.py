@@ -1,4 +1,4 @@
-"""Encoding and decoding of images as JPEG or PNG.
+"""Images as JPEG or PNG files, by OpenCV.
 
 OpenCV is imported on first use, since small boards run without it. It allocates the image size that a file declares,
 so the declared size is checked here before OpenCV sees the file.
@@ -7,14 +7,19 @@ so the declared size is checked here before OpenCV sees the file.
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, get_args
 
-from eal_actors.actors.feeds import Encoding
-from eal_actors.device.data import EALData, Payload
+from eal_actors.device.data.storage import Payload
+from eal_actors.device.data.value import EALData
 from eal_actors.kernel.errors import ProtocolError, ResourceFaultError, UnsupportedError
 
 if TYPE_CHECKING:
     import numpy as np
+
+Encoding: TypeAlias = Literal["raw", "jpeg", "png"]
+"""The encoding of a frame on the network. JPEG loses a little, the others nothing. The reader gets an image again."""
+
+ENCODINGS: Final[tuple[str, ...]] = get_args(Encoding)
 
 _JPEG_QUALITY: Final = 90
 _PNG_LEVEL: Final = 1
