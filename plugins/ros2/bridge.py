@@ -18,7 +18,7 @@ from functools import partial
 from typing import Any, Final
 
 from eal_actors import EALData, EALError, Fleet, Future, RobotHandle
-from eal_actors.plugin import DataError, Field, LogLimit, get_logger
+from eal_actors.plugin import DataError, Field, LogLimit, PluginError, get_logger
 from eal_actors.recording.sampler import Sampler, SampleSpec
 
 from . import graph
@@ -54,8 +54,9 @@ def open_bridge(fleet: Fleet, settings: BridgeSettings) -> Iterator[str]:
     """Connect an open fleet; yields what it does, for people.
 
     Raises:
-        PluginError: zenoh's configuration is wrong.
+        PluginError: zenoh's configuration is wrong, or two robots would be one node.
     """
+    _check_names(fleet)
     types = MessageTypes(settings.distribution)
     session = RosSession(settings.router, settings.domain, settings.zenoh_config)
     try:
@@ -85,6 +86,13 @@ def open_bridge(fleet: Fleet, settings: BridgeSettings) -> Iterator[str]:
             yield f"{len(fleet)} nodes, {topics.count} topics in {where}" + (f"; {absent}" if absent else "")
     finally:
         session.close()
+
+
+def _check_names(fleet: Fleet) -> None:
+    owners: dict[str, str] = {}
+    for robot in fleet:
+        if (owner := owners.setdefault(ros_name(robot), robot)) != robot:
+            raise PluginError(f"{owner} and {robot} would both be the node /{ros_name(robot)}: rename one of them")
 
 
 def _takes_twist(robot: RobotHandle) -> bool:

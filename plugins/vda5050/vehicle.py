@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from eal_actors import EALData, EALError, RobotHandle
+from eal_actors import EALData, EALError, Future, RobotHandle
 from eal_actors.plugin import Clock, DataError, get_logger, is_plausible
 
 from .factsheet import ACTIONS, factsheet
@@ -46,6 +46,7 @@ class FleetVehicle:
         self._pose: tuple[float, float, float] | None = None
         self._charge = _UNKNOWN_CHARGE
         self._is_paused = False
+        self._placing: tuple[AgvAction, Future[int]] | None = None
         self._state_due_s = 0.0
         self._pose_due_s = 0.0
 
@@ -62,6 +63,7 @@ class FleetVehicle:
         try:
             for message in (*self._topics.instant_actions(), *self._topics.orders()):
                 self._take(message)
+            self._hear_of_place()
             is_held = self._is_paused or self._report.is_fatal
             self._driver.go_on(is_held=is_held, is_placed=self._pose is not None)
         except EALError as error:
@@ -119,6 +121,12 @@ class FleetVehicle:
             problem = "unknown action" if handle is None else handle(action)
         except (EALError, KeyError, TypeError, ValueError, OverflowError) as error:
             problem = str(error)
+        if self._placing is not None and self._placing[0] is action:
+            self._report.set_action(action, "RUNNING")
+        else:
+            self._end_action(action, problem)
+
+    def _end_action(self, action: AgvAction, problem: str | None) -> None:
         self._report.set_action(action, "FINISHED" if problem is None else "FAILED", problem)
         if problem is not None:
             kind = "noOrderToCancel" if action.action_type == "cancelOrder" else "instantActionError"
@@ -149,7 +157,15 @@ class FleetVehicle:
             raise ValueError(
                 f"initPosition needs finite x, y, theta within 1,000 km, and the map {self._settings.map_id}"
             )
-        self._robot["Pose"].set_value(pose)
+        if self._placing is not None:
+            raise ValueError("another initPosition is not over")
+        self._placing = action, self._robot["Pose"].set_value(pose)
+
+    def _hear_of_place(self) -> None:
+        if self._placing is not None and self._placing[1].done():
+            (action, answer), self._placing = self._placing, None
+            error = answer.exception()
+            self._end_action(action, None if error is None else str(error))
 
     # What it publishes.
 

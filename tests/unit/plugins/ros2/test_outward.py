@@ -100,6 +100,15 @@ def test_the_path_of_a_motion_is_shown_until_it_ends(peer: Ros2Peer, file: Path)
             wait_for(lambda: len(plans[-1].poses) == 0, "the path stays")
 
 
+def test_robots_that_would_be_one_node_are_refused(tmp_path: Path) -> None:
+    robots = {name: {"plugins": {"sim": {"model": "roomba"}}} for name in ("cart-1", "cart_1")}
+    file = tmp_path / "fleet.yaml"
+    file.write_text(json.dumps({"version": 1, "robots": robots}))
+    done = CliRunner().invoke(app, ["bridge", "ros2", "--fleet", str(file)])
+    assert done.exit_code != 0
+    assert "cart-1 and cart_1 would both be the node /cart_1" in " ".join(done.output.split())
+
+
 @pytest.mark.slow
 def test_the_command_runs_until_it_is_interrupted(peer: Ros2Peer, file: Path) -> None:
     command = [sys.executable, "-m", "eal_actors", "bridge", "ros2", "--fleet", str(file)]

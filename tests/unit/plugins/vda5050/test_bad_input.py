@@ -72,6 +72,18 @@ def test_wrong_instant_actions_are_refused_and_halt_nothing(broker: Broker, tmp_
         wait_for(lambda: fleet["roomba-1"]["TruePose"].get_value().get().value[0] > 1.15, "it does not drive then")
 
 
+def test_a_place_that_the_robot_refuses_is_reported(broker: Broker, tmp_path: Path) -> None:
+    with Device(broker) as intruder, SdkMaster(broker) as master, bridged(broker, tmp_path) as fleet:
+        placed(master, fleet)
+        place = {"x": 2.0, "y": 0.5, "theta": 0.0, "mapId": "map"}
+        for name, status in (("good", "FINISHED"), ("refused", "FAILED")):
+            action = instant("initPosition", name, **place)
+            intruder.say(TOPIC + "instantActions", json.dumps(HEAD | {"actions": [action]}))
+            wait_for(lambda expected=(name, status): expected in statuses(master).items(), name)  # type: ignore[misc]
+            fleet["roomba-1"].stop("a person is in the way").get()
+        assert said(master, "a person is in the way")
+
+
 def test_a_robot_is_never_faster_than_its_order_allows(broker: Broker, tmp_path: Path) -> None:
     with Device(broker) as intruder, SdkMaster(broker) as master, bridged(broker, tmp_path) as fleet:
         begin = placed(master, fleet)
