@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import os
 import stat
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 from urllib.parse import urlsplit
 
+from eal_actors.device.port_holders import PortHolder, holders
 from eal_actors.device.ports import BytePort, system_error
 from eal_actors.device.sockets import open_tcp
 from eal_actors.kernel.errors import PluginError
@@ -72,11 +71,6 @@ def open_serial(
     return opened
 
 
-def _named(holder: PortHolder) -> str:
-    """Return a program that has a port; it may be this one, with an earlier fleet that was not closed."""
-    return f"this program (pid {holder.pid})" if holder.pid == os.getpid() else str(holder)
-
-
 def _explained(error: Exception, url: str) -> Exception:
     """Return the error of an opening that failed, with a note on what may help."""
     if isinstance(error, TerminalError):
@@ -86,7 +80,7 @@ def _explained(error: Exception, url: str) -> Exception:
     if number == errno.ENOTTY:
         return PluginError(f"{url} is no serial port, but another device")
     if number in (errno.EBUSY, errno.EAGAIN):
-        users = list(map(_named, holders(Path(url)))) or ["a program of another user"]
+        users = list(map(str, holders(Path(url)))) or ["a program of another user"]
         error.add_note(f"{', '.join(users)} {'has' if len(users) == 1 else 'have'} it open")
     elif number in (errno.EACCES, errno.EPERM):
         group = group_of(Path(url))
@@ -104,18 +98,6 @@ def _host_and_port(url: str) -> tuple[str, int]:
     if parts.scheme != "socket" or not host or port is None:
         raise PluginError(f"serial port {url}: wanted is socket://host:port")
     return host, port
-
-
-@dataclass(frozen=True, slots=True)
-class PortHolder:
-    """A program that has a port open."""
-
-    pid: int
-    program: str
-
-    def __str__(self) -> str:
-        """Return both, for messages."""
-        return f"{self.program} (pid {self.pid})"
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,27 +149,6 @@ def list_serial_ports(dev: Path = Path("/dev"), sysfs: Path = Path("/sys")) -> l
             )
         )
     return found
-
-
-def holders(path: Path) -> Iterator[PortHolder]:
-    """Yield the programs that have a device open: all of them for root, for others only their own."""
-    try:
-        device = path.resolve(strict=True)
-        number = device.stat().st_rdev
-    except OSError:
-        return
-    for process in sorted(Path("/proc").glob("[0-9]*"), key=lambda process: int(process.name)):
-        with contextlib.suppress(OSError):  # it has ended, or belongs to another user
-            if any(_leads_to(descriptor, number) for descriptor in (process / "fd").iterdir()):
-                yield PortHolder(int(process.name), _read(process / "comm"))
-
-
-def _leads_to(descriptor: Path, number: int) -> bool:
-    try:
-        status = descriptor.stat()
-    except OSError:
-        return False
-    return stat.S_ISCHR(status.st_mode) and status.st_rdev == number
 
 
 def usb_id(path: Path, sysfs: Path = Path("/sys")) -> str | None:

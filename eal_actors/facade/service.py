@@ -19,9 +19,10 @@ from eal_actors.managers.fleet_changes import FleetChanges
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER
 from eal_actors.wire.engine_setup import limit_heaps
+from eal_actors.wire.listening import require_free
 from eal_actors.wire.rpc.server.host import RobotHost
 from eal_actors.wire.rpc.server.robot_server import RobotServer
-from eal_actors.wire.session import endpoints_of, robot_config
+from eal_actors.wire.session import endpoints_of, listening_at, robot_config
 from eal_actors.wire.session_keeper import SessionKeeper
 
 _CLOSE_S: Final = 1.5  # real seconds for each step of closing
@@ -89,6 +90,7 @@ class RobotService:
         self._warn_of_strangers()
         with ExitStack() as stack:
             if not self._shares:
+                require_free(listening_at(robot_config(self._config, self._name)))
                 stack.callback(self._fleet.close, _CLOSE_S)
                 self._fleet.connect()
             self.robot.require_started()
@@ -229,6 +231,8 @@ def serve_together(config: FleetConfig, robots: Sequence[str]) -> Iterator[tuple
     closes.
     """
     services = []
+    for name in robots:
+        require_free(listening_at(robot_config(config, name)))
     with Fleet(_local(config, robots)).connect() as fleet, ExitStack() as stack:
         for neighbours in _neighbours(config, robots):
             if len(neighbours) == 1:

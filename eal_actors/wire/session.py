@@ -31,6 +31,7 @@ from eal_actors.wire.engine_exit import IS_A_FORK, close_at_exit, start_thread
 from eal_actors.wire.engine_setup import limit_heaps, return_buffers, share_threads
 from eal_actors.wire.format.packing import MAX_ENVELOPE_BYTES, MAX_PAYLOAD_BYTES
 from eal_actors.wire.link_watch import Link, hang_up, watching
+from eal_actors.wire.listening import in_use
 from eal_actors.wire.security.accept_guard import ROBOT_STRANGERS, ROUTER_STRANGERS, guarding, raise_file_limit
 from eal_actors.wire.security.access import controller_access, robot_access, router_access, tls_config
 from eal_actors.wire.security.packet_filter import plain_address
@@ -159,7 +160,12 @@ def router_config(
 
 def endpoints_of(config: dict[str, Any]) -> tuple[str, ...]:
     """Return the endpoints of a configuration: those to listen at, then those to dial."""
-    return (*(text.partition("#")[0] for text in config["listen"]["endpoints"]), *config["connect"]["endpoints"])
+    return (*listening_at(config), *config["connect"]["endpoints"])
+
+
+def listening_at(config: dict[str, Any]) -> tuple[str, ...]:
+    """Return the endpoints of a configuration to listen at."""
+    return tuple(text.partition("#")[0] for text in config["listen"]["endpoints"])
 
 
 def _retry(ends: int, protocols: Sequence[str]) -> dict[str, Any]:
@@ -258,7 +264,7 @@ def open_session(
         _sessions.add(session)
         stack.callback(_close, session, config)
         most = ROUTER_STRANGERS if config["mode"] == "router" else ROBOT_STRANGERS
-        ports = frozenset(parse_endpoint(text.partition("#")[0]).port for text in config["listen"]["endpoints"])
+        ports = frozenset(parse_endpoint(text).port for text in listening_at(config))
         links = partial(links_of, session)
         stack.enter_context(guarding(ports, most, lambda: [link.peer for link in links() if link.port in ports]))
         stack.enter_context(watching(lambda: set(links()), ports, on_stuck))
@@ -304,7 +310,7 @@ def _open_error(error: Exception, config: dict[str, Any]) -> EALError:
     failed = next((endpoint for endpoint in endpoints_of(config) if endpoint in reason), None)
     place = failed or ", ".join(endpoints_of(config))
     if "in use" in reason:
-        return UnavailableError(f"{place}: cannot listen there: the port is in use by another program")
+        return in_use([failed] if failed else listening_at(config))
     if "assign requested address" in reason:
         return UnavailableError(f"{place}: cannot listen there: this machine has no such address")
     if config["mode"] == "client":

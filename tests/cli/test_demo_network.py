@@ -67,7 +67,7 @@ def test_two_demos_at_once_move_their_own_robots(start: Start, served_slides: Pa
     for demo, folder in zip(demos, runs, strict=True):
         out, err = demo.communicate(timeout=120)
         if demo.returncode == 3:  # both looked at the ports at the same moment: said, and nothing moved
-            assert "the port is in use by another program" in err
+            assert "the port is in use by " in err
             assert not folder.exists()
         else:
             assert demo.returncode == 0, out + err

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import socket
 import subprocess
@@ -344,7 +345,8 @@ class TestCommand:
             _, errors = process.communicate(timeout=PATIENCE_S)
 
         assert process.returncode == 3
-        assert "the port is in use by another program" in errors
+        assert "cannot listen there: the port is in use by " in errors
+        assert f" (pid {os.getpid()})\n" in errors
 
     def test_it_keeps_to_the_security_of_a_fleet(
         self, start: Callable[..., subprocess.Popen[str]], tmp_path: Path

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import pty
+import socket
+import subprocess
 import sys
 import termios
 import threading
@@ -20,7 +22,7 @@ from eal_actors.actors.robot_view import RobotState
 from eal_actors.cli.options import GlobalOptions
 from eal_actors.cli.output import service_output
 from eal_actors.cli.serve import _reload
-from eal_actors.facade.service import RobotService
+from eal_actors.facade.service import RobotService, serve_together
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import DataError, ResourceFaultError, RobotFailedError, UnavailableError
 from eal_actors.wire.rpc.client.remote_robot import RemoteRobot
@@ -96,6 +98,30 @@ def test_a_robot_that_fits_no_handshake_is_refused(tmp_path: Path) -> None:
     rig.write()
     with pytest.raises(DataError, match="r1: cannot be served: the information of its resources"):
         RobotService(rig.config, "r1").open()
+
+
+@pytest.mark.parametrize("together", [False, True])
+def test_a_port_that_another_program_holds_is_reported_before_the_robot_starts(tmp_path: Path, together: bool) -> None:
+    """A robot whose device did not answer kept `eal serve` for 13 s."""
+    code = "from eal_actors.plugin import EALPlugin, Resource\nclass Lamp(Resource): pass\ndef connect():\n    1 / 0\n"
+    write_plugin(tmp_path, "lamp", code, "Lamp")
+    rig = Rig(tmp_path)
+    rig.content["plugin_dirs"] = ["plugins"]
+    rig.content["robots"]["r1"]["plugins"] = {"lamp": {}}
+    rig.write()
+    service = serve_together(rig.config, ["r1"]) if together else RobotService(rig.config, "r1")
+    address = str(rig.config.robots["r1"].address)
+    with socket.create_server(("127.0.0.1", int(address.rpartition(":")[2]))) as held:
+        holder = subprocess.Popen(["sleep", "60"], stdin=held.fileno())
+        try:
+            with pytest.raises(UnavailableError) as refused:
+                service.__enter__()
+        finally:
+            holder.kill()
+            holder.wait()
+    assert refused.value.message.startswith(f"{address}: cannot listen there: the port is in use by ")
+    assert f"this program (pid {os.getpid()})" in refused.value.message
+    assert f"sleep (pid {holder.pid})" in refused.value.message
 
 
 def look_in_step(look: Callable[[], dict[str, str]], in_step: threading.Barrier) -> dict[str, str]:

@@ -18,7 +18,8 @@ import pytest
 import serial
 import serial.rfc2217
 
-from eal_actors.device.serial_ports import PortHolder, holders, list_serial_ports, open_serial
+from eal_actors.device.port_holders import PortHolder, holders
+from eal_actors.device.serial_ports import list_serial_ports, open_serial
 from tests.unit.device.port_rig import WAIT_S, Cable, cable
 
 __all__ = ["cable"]
