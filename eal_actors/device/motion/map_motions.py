@@ -30,7 +30,8 @@ _MOST_YAW_RAD: Final = 4 * math.pi  # two turns; a heading in degrees is mostly 
 MAX_PLACE_M: Final = 1e6
 """Greatest coordinate of a place; beyond, the motion of a step is lost in the rounding."""
 
-_GOAL: Final = ValueInfo(DataType.DOUBLE, "m", shape=(None,), description="x_m, y_m and perhaps yaw_rad, in the map")
+GOAL: Final = ValueInfo(DataType.DOUBLE, "m", shape=(None,), description="x_m, y_m and perhaps yaw_rad, in the map")
+"""The argument of `goto`, by which a check before a run knows the command."""
 _PATH: Final = ValueInfo(DataType.DOUBLE, "m", shape=(None, 2), description="waypoints x_m, y_m, in the map")
 _POSES: Final = ValueInfo(
     DataType.DOUBLE, shape=(None, 3), description="x_m, y_m, yaw_rad in the map, from where the motion began to its end"
@@ -75,7 +76,7 @@ class MapMotions(Resource, ABC):
         """Return whether the wheels are driven, but something holds the robot. The default reads the status."""
         return self.get_status() == BLOCKED
 
-    @command("goto", _GOAL, repeatable=True)
+    @command("goto", GOAL, repeatable=True)
     def go_to(self, goal: Any) -> Activity:
         """Drive to a place in the map frame; with a third number, turn to that heading there.
 

@@ -14,6 +14,7 @@ from typing import Any, Final, NamedTuple
 
 from eal_actors.device.data import EALData
 from eal_actors.device.info import METHODS, ResourceInfo, unknown_name
+from eal_actors.device.motion.map_motions import GOAL, MapMotions
 from eal_actors.device.world import WorldModel
 from eal_actors.kernel.errors import EALError, PlaceNotFoundError, Problem
 from eal_actors.kernel.yaml_tree import YamlPath
@@ -288,7 +289,7 @@ def _argument_problem(method: str, info: ResourceInfo, given: Mapping[str, Any])
     """Return why a resource refuses arguments, as far as its description says, or None."""
     try:
         if method == "send_cmd" and info.commands:
-            info.parse_command(str(given["cmd"]), EALData.of(given["data"]) if "data" in given else None)
+            _check_command(info, given)
         elif method == "send_req" and info.requests:
             info.parse_request(str(given["req"]))
         elif method == "get_config" and info.configs:
@@ -304,3 +305,11 @@ def _argument_problem(method: str, info: ResourceInfo, given: Mapping[str, Any])
     except EALError as error:
         return error.message
     return None
+
+
+def _check_command(info: ResourceInfo, given: Mapping[str, Any]) -> None:
+    """Raise ArgumentError if a resource refuses a command; the description of `goto` does not tell its limits."""
+    data = EALData.of(given["data"]) if "data" in given else None
+    command, argument = info.parse_command(str(given["cmd"]), data)
+    if command.argument == GOAL and argument is not None:
+        MapMotions.goal_numbers(argument.value)

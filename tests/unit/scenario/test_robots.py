@@ -7,6 +7,7 @@ import pytest
 
 from eal_actors.device.data import DataType
 from eal_actors.device.info import CommandInfo, ConfigInfo, ResourceInfo, ResourceType, ValueInfo
+from eal_actors.device.motion.map_motions import GOAL
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import Scenario, load_scenario
@@ -19,7 +20,12 @@ BASE = ResourceInfo(
     ResourceType.ACTUATOR,
     frozenset({"send_cmd", "set_value", "send_req", "get_config", "set_config"}),
     value=ValueInfo(DataType.INT, minimum=0, maximum=9),
-    commands=(CommandInfo("g"), CommandInfo("r<degrees>", ANGLE), CommandInfo("say", ValueInfo(DataType.CHAR))),
+    commands=(
+        CommandInfo("g"),
+        CommandInfo("goto", GOAL),
+        CommandInfo("r<degrees>", ANGLE),
+        CommandInfo("say", ValueInfo(DataType.CHAR)),
+    ),
     requests=(CommandInfo("name"), CommandInfo("number", returns=ValueInfo(DataType.INT))),
     configs=(ConfigInfo("gain", ValueInfo(DataType.DOUBLE, None, 0, 1)), ConfigInfo("serial", ANGLE, writable=False)),
 )
@@ -103,6 +109,10 @@ def test_a_scenario_that_fits_has_no_problems(tmp_path: Path) -> None:
         (
             "send_cmd: {resource: Base, cmd: r361}",
             "8:37: steps[0].do[0].send_cmd.cmd: a: command 'r361': its argument must be double 0..360 deg, not 361",
+        ),
+        (
+            "send_cmd: {resource: Base, cmd: goto, data: [1, 2, 90]}",
+            "8:37: steps[0].do[0].send_cmd.cmd: a: goto takes its heading in radians, not 90; `go_to` takes degrees",
         ),
         (
             "send_req: {resource: Base, req: nme}",
@@ -205,8 +215,8 @@ def test_loops_inside_loops_are_tried_together(tmp_path: Path) -> None:
     )
 
     assert [problem.partition("a, b: ")[2] for problem in problems(tmp_path, body)] == [
-        "unknown command 's0'; known: g, r<degrees>, say",
-        "unknown command 's1'; known: g, r<degrees>, say",
+        "unknown command 's0'; known: g, goto, r<degrees>, say",
+        "unknown command 's1'; known: g, goto, r<degrees>, say",
     ]
 
 
