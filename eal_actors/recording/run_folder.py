@@ -17,6 +17,7 @@ from eal_actors.kernel.clock import wall_time
 from eal_actors.kernel.errors import ScenarioError, error_text, file_error
 from eal_actors.recording.mcap_file import RECORD_FILE, McapContent, read_mcap
 from eal_actors.recording.poses import PoseSample
+from eal_actors.scenario.report.events import event_problem
 from eal_actors.scenario.report.journal import EVENTS, SUMMARY
 from eal_actors.scenario.report.summary import Report
 
@@ -87,8 +88,9 @@ class RunFolder:
                 if number == len(lines):
                     break
                 raise ScenarioError(f"{file}:{number}: is no event: {error}") from error
-            if not (isinstance(event, dict) and "event" in event and isinstance(event.get("time_s"), int | float)):
-                raise ScenarioError(f"{file}:{number}: is no event: it needs 'event' and 'time_s', a number")
+            problem = event_problem(event if isinstance(event, dict) else {})
+            if problem is not None:
+                raise ScenarioError(f"{file}:{number}: is no event: {problem}")
             events.append(event)
         return tuple(events)
 

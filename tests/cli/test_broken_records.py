@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 import shutil
 from pathlib import Path
 from typing import Any
@@ -54,6 +56,35 @@ def test_a_file_that_makes_no_sense(
     for command in commands:
         arguments = (run, broken) if command == "diff" else (broken,)
         assert f"broken/{file}" in told(eal(command, *arguments))
+
+
+DAMAGES = [
+    ({"event": "log", "time_s": 1, "robot": None}, "log: text: is missing"),
+    ({"event": "step_ended", "time_s": 1, "record": None}, "step_ended: record: must be a mapping"),
+    (
+        {"event": "robot_lost", "time_s": 1, "robot": "one", "error": {"code": "x"}},
+        "robot_lost: error.message: is missing",
+    ),
+    ({"event": "run_started", "time_s": 0, "robots": 5}, "run_started: "),
+    ({"event": "log", "time_s": math.inf, "robot": None, "text": "x"}, "it needs 'event' and 'time_s', a number"),
+    ({"event": "log", "time_s": 10**400, "robot": None, "text": "x"}, "it needs 'event' and 'time_s', a number"),
+    ({"event": ["log"], "time_s": 1}, "it needs 'event' and 'time_s', a number"),
+]
+
+
+@pytest.mark.parametrize(("event", "problem"), DAMAGES)
+def test_an_event_that_was_changed_by_hand_is_named(eal: Any, run: Path, event: object, problem: str) -> None:
+    """It ended with a traceback."""
+    lines = (run / "events.jsonl").read_text(encoding="utf-8").splitlines()
+    (run / "events.jsonl").write_text("\n".join([*lines[:2], json.dumps(event), *lines[3:], ""]), encoding="utf-8")
+    for command in (("report", run), ("diff", run, run)):
+        assert f"events.jsonl:3: is no event: {problem}".replace(" ", "") in told(eal(*command))
+
+
+def test_events_of_other_releases_are_read(eal: Any, run: Path) -> None:
+    with (run / "events.jsonl").open("a", encoding="utf-8") as events:
+        events.write('{"event": "danced", "time_s": 9.0}\n')
+    assert eal("report", run).exit_code == 0
 
 
 def test_a_record_whose_bytes_were_changed(eal: Any, run: Path) -> None:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any, ClassVar
+from functools import cache
+from typing import Any, ClassVar, Final
 
+from pydantic import TypeAdapter, ValidationError
 from pydantic_core import to_jsonable_python
 from typing_extensions import override
 
+from eal_actors.kernel.strict_model import wording_of
 from eal_actors.scenario.report.records import is_recordable, to_record
 from eal_actors.scenario.report.summary import ErrorReport, Report, StartReport, StepRecord
 
@@ -232,3 +236,29 @@ class RunEnded(RunEvent, kind="run_ended"):
     def to_dict(self) -> dict[str, Any]:
         report = self.report.model_dump(mode="json", exclude={"steps", "starts", "wall_started"})
         return {"event": self.kind, "time_s": self.time_s, "report": report}
+
+
+_RECORDED: Final = {one.kind: one for one in RunEvent.__subclasses__() if one.kind != RunEnded.kind}
+"""The events whose lines have all their fields."""
+
+
+@cache
+def _checker(kind: str) -> TypeAdapter[RunEvent]:
+    return TypeAdapter(_RECORDED[kind])
+
+
+def event_problem(event: Mapping[str, Any]) -> str | None:
+    """Return why an event of a record cannot be read: the first field that is missing or wrong; else None."""
+    if not isinstance(event.get("event"), str) or not _is_time(event.get("time_s")):
+        return "it needs 'event' and 'time_s', a number"
+    try:
+        if event["event"] in _RECORDED:  # other releases have other kinds
+            _checker(event["event"]).validate_python(event)
+    except ValidationError as error:
+        detail = error.errors(include_url=False)[0]
+        return f"{event['event']}: {'.'.join(map(str, detail['loc']))}: {wording_of(detail)}"
+    return None
+
+
+def _is_time(value: object) -> bool:
+    return isinstance(value, int | float) and abs(value) <= sys.float_info.max
