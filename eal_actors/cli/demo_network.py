@@ -20,7 +20,7 @@ import typer
 
 from eal_actors.cli.fleets import read_fleet
 from eal_actors.cli.output import print_line, stderr
-from eal_actors.kernel.errors import UnavailableError
+from eal_actors.cli.readiness import ready_line
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.missing_modules import require_modules
 from eal_actors.managers.network_model import IDENTITY_VARIABLE
@@ -86,7 +86,7 @@ def _serving(fleet: Path, robots: Sequence[str]) -> Iterator[None]:
     with ExitStack() as stack:
         servers = [(robot, stack.enter_context(_server(fleet, robot))) for robot in robots]
         for robot, server in servers:
-            print_line(stderr(), _wait_until_listening(robot, server), "dim")
+            print_line(stderr(), f"{robot}: {ready_line(server, 'server', robot, 'listening')}", "dim")
         yield
 
 
@@ -103,11 +103,3 @@ def _server(fleet: Path, robot: str) -> Iterator[subprocess.Popen[str]]:
         except subprocess.TimeoutExpired:
             server.kill()
             server.communicate()
-
-
-def _wait_until_listening(robot: str, server: subprocess.Popen[str]) -> str:
-    """Return the line that a server prints when it listens; raise UnavailableError if the server has ended instead."""
-    for line in server.stdout or ():
-        if line.startswith("listening"):
-            return f"{robot}: {line.rstrip()}"
-    raise UnavailableError("its server has ended; see its message above", robot=robot)

@@ -21,7 +21,8 @@ from typing import Any, Final, Self
 
 import eal_actors
 from eal_actors.cli import emulator_main
-from eal_actors.kernel.errors import UnavailableError, UnsupportedError
+from eal_actors.cli.readiness import ready_line
+from eal_actors.kernel.errors import UnsupportedError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.manifest import EmulatorSection, PluginManifest, discover
@@ -155,7 +156,7 @@ class EmulatorProcesses:
         """Start the emulators, and wait until all of them listen.
 
         Raises:
-            UnavailableError: one has ended; the reason is on stderr.
+            UnavailableError: one has ended, and the reason is on stderr; or it is not ready in time.
             UnsupportedError: their plugins need packages that are not installed.
         """
         if lacks := dict.fromkeys(filter(None, (device.plugin.lacks() for device in self._devices))):
@@ -165,11 +166,11 @@ class EmulatorProcesses:
             running = [(device, stack.enter_context(self._run(device))) for device in alone]
             if in_world := [device for device in self._devices if device.is_in_world]:
                 world = stack.enter_context(self._run_world(in_world))
-                begin = json.loads(_read_line(in_world[0], world))
+                begin = json.loads(ready_line(world, "emulator", in_world[0].robot))
                 self.addresses |= begin["addresses"]
                 self.starts = {robot: tuple(pose) for robot, pose in begin["poses"].items()}
             for device, process in running:
-                self.addresses |= device.addresses(_read_line(device, process))
+                self.addresses |= device.addresses(ready_line(process, "emulator", device.robot))
             os.environ.update(self.addresses)
             for variable in self.addresses:
                 stack.callback(os.environ.pop, variable, None)
@@ -219,13 +220,6 @@ def _early_end(process: subprocess.Popen[str]) -> str | None:
     if (code := process.poll()) is None:
         return None
     return f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
-
-
-def _read_line(device: LabDevice, process: subprocess.Popen[str]) -> str:
-    line = process.stdout.readline().strip() if process.stdout is not None else ""
-    if not line:
-        raise UnavailableError("its emulator has ended; see above", robot=device.robot)
-    return line
 
 
 def _end(process: subprocess.Popen[str]) -> str:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from eal_actors.cli import readiness
 from eal_actors.cli.emulators import EmulatorProcesses, LabDevice, open_devices
 from eal_actors.cli.lab import commands, destination
 from eal_actors.facade.fleet import Fleet
@@ -309,6 +310,17 @@ def test_a_plugin_from_elsewhere_is_emulated(foreign: Path) -> None:
     with EmulatorProcesses([device]) as emulators:
         assert emulators.addresses == {"LAB_LIFT": "port of --slow --two 115200"}
     assert emulators.poses == {"one": (1.0, 2.0, 90.0)}
+
+
+def test_an_emulator_that_says_nothing_is_not_waited_for(foreign: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (foreign.parent / "theirs/lift/device.py").write_text("import sys\nsys.stdin.read()\n", encoding="utf-8")
+    monkeypatch.setattr(readiness, "START_S", 0.1)
+    emulators = EmulatorProcesses(open_devices(foreign))
+    with (
+        pytest.raises(UnavailableError, match=r"one: its emulator was not ready within 0\.1 s, and was killed"),
+        emulators,
+    ):
+        pass
 
 
 ECHO_FLEET = """\
