@@ -6,9 +6,10 @@ import keyword
 import re
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from io import StringIO
 from pathlib import Path
+from shutil import rmtree
 from string import Template
 from typing import Annotated, Any, Final
 
@@ -99,11 +100,14 @@ def write_plugin(name: str, directory: Path) -> Path:
     if keyword.iskeyword(name) or keyword.iskeyword(resource) or resource in plugin_api.__all__:
         raise file_error(name, f"its resource would be {resource!r}, a reserved name; choose another")
     try:
-        folder.mkdir(parents=True)
-        for template in sorted(_TEMPLATES.iterdir()):
-            file = folder / template.name.removesuffix(".txt").replace("NAME", name)
-            text = Template(template.read_text(encoding="utf-8")).substitute(name=name, resource=resource)
-            file.write_text(text, encoding="utf-8")
+        with ExitStack() as undo:
+            folder.mkdir(parents=True)
+            undo.callback(rmtree, folder, ignore_errors=True)
+            for template in sorted(_TEMPLATES.iterdir()):
+                file = folder / template.name.removesuffix(".txt").replace("NAME", name)
+                text = Template(template.read_text(encoding="utf-8")).substitute(name=name, resource=resource)
+                file.write_text(text, encoding="utf-8")
+            undo.pop_all()
     except FileExistsError:
         raise file_error(folder, "exists already; nothing was written") from None
     except OSError as error:

@@ -32,6 +32,29 @@ def test_list_as_json(eal: Any, slides: Path) -> None:
     assert slide["folder"] == str(slides.parent / "plugins" / "slide")
 
 
+NO_ROOM = """
+import resource
+from eal_actors.cli.app import main
+resource.setrlimit(resource.RLIMIT_FSIZE, (200, resource.RLIM_INFINITY))
+main()
+"""
+
+
+def test_new_on_a_full_disk_leaves_nothing(tmp_path: Path) -> None:
+    """A limit of a file's size acts like a full disk. The part that was written kept a second attempt from writing."""
+    result = subprocess.run(
+        [sys.executable, "-c", NO_ROOM, "plugin", "new", "arm"],
+        cwd=tmp_path,
+        env={"PYTHONPATH": str(bundled_path(".")), "PATH": "", "PYTHONDONTWRITEBYTECODE": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 2
+    assert "plugins/arm: cannot be written: File too large" in result.stderr
+    assert not list((tmp_path / "plugins").iterdir())
+
+
 def test_new_writes_a_plugin_that_conforms_and_whose_own_test_passes(eal: Any, tmp_path: Path) -> None:
     result = eal("plugin", "new", "my_arm2", "--dir", tmp_path / "own")
     folder = tmp_path / "own" / "my_arm2"

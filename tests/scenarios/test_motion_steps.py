@@ -166,6 +166,7 @@ def test_a_formation_is_checked_before_anything_moves(hall: Simulation, given: s
 def test_the_same_in_python(hall: Simulation) -> None:
     with hall:
         assert [str(place) for place in hall.fleet.visit("a", ["north", "west"])] == ["north", "west"]
+        assert list(hall.fleet.visit("a", "west")) == ["west"]
         hall.fleet.form(hall.fleet, "column", spacing_m=0.8, at="east").get()
         assert sorted(round(y_m, 1) for _, y_m in believed(hall).values()) == [-0.4, 0.4]
         with pytest.raises(ArgumentError, match="invalid formation: shape"):

@@ -89,10 +89,10 @@ class TravellingRobots:
             for place in fleet.visit("evbot3-1", ["shelf", "dock"]):
                 print(place, fleet["evbot3-1"].camera.frame().get().shape)
 
-        `robot` may be its name, and `places` are as for `go_to`. `timeout_s` is in seconds of the fleet's clock, to
-        each of them. Raises EALError as for `go_to`. Thread: any; blocks the caller.
+        `robot` may be its name; `places` are as for `go_to`, or the name of one. `timeout_s` is in seconds of the
+        fleet's clock, to each of them. Raises EALError as for `go_to`. Thread: any; blocks the caller.
         """
-        for place in places:
+        for place in [places] if isinstance(places, str) else places:  # not its letters
             self.go_to({robot: place}, timeout_s=timeout_s).get()
             yield place
 
