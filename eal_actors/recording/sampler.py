@@ -18,6 +18,8 @@ from eal_actors.kernel.log import get_logger
 _ANSWER_S: Final = 1.0
 """Deadline of an answer in seconds of the fleet's clock, if the period is shorter."""
 _ROUNDING_S: Final = 1e-9
+_END_S: Final = 10.0
+"""Real seconds for the final values. In lock step, code of a plugin runs in the sampler's thread, and may never end."""
 
 
 class SampleSpec(NamedTuple):
@@ -57,7 +59,12 @@ class Sampler:
     def __exit__(self, *_exc_info: object) -> None:
         self._clock.wake(self._stop)
         with self._clock.outside():
-            self._thread.join()
+            self._thread.join(_END_S)
+        if self._thread.is_alive():
+            get_logger().error("a resource is stuck while it is sampled: the last values are missing")
+            for _, group in self._groups:
+                for sampled in group:
+                    sampled.is_wanted = False
 
     def _run(self) -> None:
         if not self._groups:
@@ -98,7 +105,7 @@ class Sampler:
             if answer is None or not (answer.done() or wait):
                 continue
             sampled.answer = None
-            if answer.exception() is None:
+            if answer.exception() is None and sampled.is_wanted:
                 self._pass_on(sampled, answer.get())
 
     def _pass_on(self, sampled: _SampledResource, data: EALData) -> None:
