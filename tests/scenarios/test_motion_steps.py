@@ -127,6 +127,7 @@ TO_PLACES = [
     ("go_to: {place: [1]}", "a place must be the name of one, [x_m, y_m] or [x_m, y_m, yaw_deg], not"),
     ("visit: [east, esat]", "unknown place 'esat'"),
     ('visit: "${3}"', "places must be a list, not 3"),
+    ("go_to: {places: [[0, 1], [0, 2.1]]}", "(0.00, 2.10) is outside the room of 6 x 4 m"),
     ("visit: [[0, x]]", "a number of a place must be a finite number, not 'x'"),
     (
         "visit: [east]\n        do:\n          - visit: [west]",
@@ -153,6 +154,8 @@ def test_places_are_checked_before_anything_moves(hall: Simulation, step: str, p
         ("{role: all, shape: lin, spacing_m: 1}", "invalid formation: shape: must be 'line', "),
         ("{role: all, shape: lin, spacing_m: 1}", "not 'lin'; did you mean 'line'?"),
         ("{role: all, shape: line, spacing_m: 0}", "invalid formation: spacing_m: must be over 0, not 0.0"),
+        ("{role: all, shape: line, spacing_m: 4.1}", "(0.00, 2.05) is outside the room of 6 x 4 m"),
+        ("{role: all, shape: line, spacing_m: 1, at: [0, 1.6]}", "(0.00, 2.10) is outside the room of 6 x 4 m"),
         ("{role: all, shape: line, spacing_m: 1, at: esat}", "unknown place 'esat'"),
         ("{role: all, shape: line, spacing_m: 1, at: 7}", "a place must be the name of one"),
     ],

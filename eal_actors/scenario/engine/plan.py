@@ -65,12 +65,13 @@ def make_plan(
     if not unbound:
         _check_lost(scenario, bound, lost)
     python, unusable = _find_functions(scenario, fleet)
+    check = RobotCheck(facts, bound, fleet.config.world, has_map=fleet.config.map_path is not None)
     if problems := [
         *unbound,
         *unfit,
         *unusable,
         *scenario.shared_robots(bound.roles),
-        *RobotCheck(facts, bound, fleet.config.world).problems_of(scenario, fleet.config.seed),
+        *check.problems_of(scenario, fleet.config.seed),
     ]:
         raise ConfigError(problems)
     live = {role: sum(robot not in lost for robot in names) for role, names in bound.roles.items()}

@@ -84,13 +84,23 @@ class RobotScope:
 
 
 class RobotCheck:
-    """A walk through the steps with the robots that come to them; robots without facts are not checked."""
+    """A walk through the steps with the robots that come to them; robots without facts are not checked.
 
-    def __init__(self, robots: Mapping[str, RobotFacts], bound: Binding, world: WorldModel | None) -> None:
+    Args:
+        robots: the facts about each robot, by name.
+        bound: the robots of each role.
+        world: of the fleet; its places are known by name.
+        has_map: whether paths are planned on a map, so that points may be outside the world's room.
+    """
+
+    def __init__(
+        self, robots: Mapping[str, RobotFacts], bound: Binding, world: WorldModel | None, *, has_map: bool = False
+    ) -> None:
         self.budget = WorkBudget("the expressions of this scenario", MAX_WORK)
         self._robots = robots
         self._bound = bound
         self._world = world
+        self._room = None if has_map else world
         self._spares = {spare for names in bound.spares.values() for spare in names}
         self._kinds = _number_kinds(robots)
         self._found: dict[tuple[int, YamlPath, str], tuple[Callable[[str], Problem], dict[str, None]]] = {}
@@ -194,11 +204,22 @@ class RobotCheck:
 
     # What steps have in common.
 
-    def require_place(self, name: str) -> None:
-        """Raise PlaceNotFoundError unless the fleet's world has a place of this name."""
-        if self._world is None:
-            raise PlaceNotFoundError(f"no place {name!r}: the fleet has no world; give its file a `world`")
-        self._world.place(name)
+    def require_place(self, place: str | Sequence[float]) -> tuple[float, float, float]:
+        """Return x_m, y_m and yaw_deg of a place.
+
+        Raises PlaceNotFoundError unless the fleet's world has one of this name, or has this point in its room.
+        """
+        if isinstance(place, str):
+            if self._world is None:
+                raise PlaceNotFoundError(f"no place {place!r}: the fleet has no world; give its file a `world`")
+            named = self._world.place(place)
+            return named.x_m, named.y_m, named.yaw_deg or 0.0
+        x_m, y_m, yaw_deg = *place, *(0.0,) * (3 - len(place))
+        if self._room is not None:
+            length_m, width_m = self._room.size_m
+            if abs(x_m) > length_m / 2 or abs(y_m) > width_m / 2:
+                raise PlaceNotFoundError(f"({x_m:.2f}, {y_m:.2f}) is outside the room of {length_m:g} x {width_m:g} m")
+        return x_m, y_m, yaw_deg
 
     def number(self, text: str, wanted: Wanted, path: YamlPath, here: RobotScope) -> None:
         """Check a number of a step that is an expression, as far as it is known."""

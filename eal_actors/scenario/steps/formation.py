@@ -71,13 +71,33 @@ class FormationStep(TimedStep, kind="formation"):
         check_driving(check, where, inside)
         for _ in known_places(check, (self.formation.at,), (*where, "at"), here):
             pass
+        robots = dict.fromkeys(check.regular(inside), (0.0, 0.0))
         wanted = (self.formation.shape, self.formation.spacing_m)
-        if here.are_known(expressions_in(wanted)):
+        if robots and here.are_known(expressions_in(wanted)):
             for _, names in check.combinations(expressions_in(wanted), where, here):
                 try:
-                    self._goals(dict.fromkeys(check.regular(inside), (0.0, 0.0)), (0.0, 0.0, 0.0), names)
+                    self._goals(robots, (0.0, 0.0, 0.0), names)
                 except EALError as error:
                     check.report(here, where, error.message)
+            self._check_room(check, where, here, robots)
+
+    def _check_room(
+        self, check: RobotCheck, where: YamlPath, here: RobotScope, robots: Mapping[str, tuple[float, float]]
+    ) -> None:
+        """Report goals outside the room, as far as they are known before the run."""
+        expressions = expressions_in((self.formation.shape, self.formation.spacing_m, self.formation.at))
+        if not here.are_known(expressions):
+            return
+        for _, names in check.combinations(expressions, where, here):
+            try:
+                centre = check.require_place(place_of(render(self.formation.at, names)))
+            except EALError:
+                return  # it is reported
+            try:
+                for goal in self._goals(robots, centre, names).values():
+                    check.require_place(goal)
+            except EALError as error:
+                check.report(here, where, error.message)
 
     def _goals(
         self, starts: Mapping[str, tuple[float, float]], centre: tuple[float, float, float], names: Namespace

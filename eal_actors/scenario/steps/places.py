@@ -79,7 +79,7 @@ def known_places(
 ) -> Iterator[tuple[tuple[str, ...], Namespace, list[Place]]]:
     """Yield the robots, variables and places of a list of values, as far as they are known before the run.
 
-    What is no place, and names that the fleet's world does not have, are reported.
+    What is no place, names that the fleet's world does not have, and points outside its room are reported.
     """
     expressions = expressions_in(values)
     if not here.are_known(expressions):
@@ -88,8 +88,7 @@ def known_places(
         try:
             places = places_of(render(values, names))
             for place in places:
-                if isinstance(place, str):
-                    check.require_place(place)
+                check.require_place(place)
         except EALError as error:
             check.report(here, path, error.message, robots if here.values.facts else ())
         else:
