@@ -37,6 +37,11 @@ class SimVehicle:
         return self._world.tick_s
 
     @property
+    def pose(self) -> Pose2D:
+        """The true pose: x and y in m and yaw in rad; for a sensor that depends on the place."""
+        return self._robot.pose
+
+    @property
     def turret(self) -> SimTurret | None:
         """The turret, if the make has one."""
         return self._robot.turret

@@ -13,7 +13,9 @@ import pytest
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import BlockedError, PluginError, ResourceFaultError, UnavailableError
 from eal_actors.managers.config import EALConfigManager
+from eal_actors.plugin import PluginContext
 from eal_actors.testing import Simulation
+from plugins.sim.port import SimVehicle
 
 DRIVEN: dict[str, Mapping[str, Any]] = {
     "real": {"plugins": {"roomba": {"protocol": "sci", "port": "sim://world/body"}}}
@@ -53,6 +55,24 @@ def test_the_driver_feels_walls_and_drops_of_the_world() -> None:
         with pytest.raises(ResourceFaultError, match="cliff"):
             real["Base"].send_cmd("f3").get()
         assert simulation.pose("body").x_m < 0.85
+
+
+class Probe:
+    """The emulator of a sensor that tells the place of its robot."""
+
+    def __init__(self, body: SimVehicle) -> None:
+        self._body = body
+
+    def feed(self, data: bytes, _now_s: float) -> bytes:
+        return ",".join(f"{number:.2f}" for number in self._body.pose).encode() if data else b""
+
+
+def test_the_body_of_an_emulator_has_its_true_pose() -> None:
+    with Simulation({"body": {"model": "roomba", "start": (-1.0, 0.5, 90)}}) as simulation:
+        context = PluginContext("mate", "probe", None, simulation.fleet.services)
+        port = context.simulated_port("sim://world/body", "roomba", Probe)
+        port.write(b"?")
+        assert port.read(100) == b"-1.00,0.50,1.57"
 
 
 @pytest.mark.parametrize(
