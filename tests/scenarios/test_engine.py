@@ -150,7 +150,7 @@ def test_answers_are_saved_in_a_folder_for_each_robot(two: Fleet, tmp_path: Path
         assert names == ["frame.0.png", "frame.1.png", "frame.json"]
         assert np.rint(imread(folder / robot / "frame.1.png")[0, 0, 0] * 255) == 200
         assert (folder / robot / "frame.json").read_text() == "[1, 0]"
-    with pytest.raises(ScenarioError, match="'trial' saves files, so its run needs a directory"):
+    with pytest.raises(ScenarioError, match="'trial' saves files: give its run a `directory`"):
         run(two, tmp_path, body)
 
 

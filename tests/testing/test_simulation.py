@@ -155,7 +155,7 @@ def test_a_run_keeps_its_files_where_it_is_told_to(pair: Simulation, tmp_path: P
 
     assert pair.run(look, directory=tmp_path).outcome == "done"
     assert (tmp_path / "left" / "seen.npy").is_file()
-    with pytest.raises(ScenarioError, match="needs a directory"):
+    with pytest.raises(ScenarioError, match="give its run a `directory`"):
         pair.run(look)
 
 

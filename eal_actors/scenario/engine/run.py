@@ -95,7 +95,7 @@ class Run:
         self._resumption = resumption
         self._saves = any(step.saves_files for *_, step in plan.scenario.walk())
         if self._saves and directory is None:
-            raise ScenarioError(f"scenario {plan.scenario.name!r} saves files, so its run needs a directory")
+            raise ScenarioError(f"scenario {plan.scenario.name!r} saves files: give its run a `directory`")
         past = None
         if resumption is not None:
             resumption.require_safe(plan.scenario)
