@@ -6,6 +6,7 @@ first connection to a fleet file opens the fleet, the others use it, and the las
 
 from __future__ import annotations
 
+import os
 import socket
 import threading
 from collections import Counter
@@ -115,6 +116,15 @@ _lock = threading.Lock()
 _fleets: dict[Path | str, _SharedFleet] = {}
 _connections_lock = threading.Lock()  # its own: a fleet that connects, or closes, holds the other one for seconds
 _connections: Counter[RobotHandle] = Counter()
+
+
+def _renew_locks() -> None:
+    global _lock, _connections_lock
+    _lock, _connections_lock = threading.Lock(), threading.Lock()
+
+
+if hasattr(os, "register_at_fork"):  # a child lacks the thread that holds a lock, while a fleet connects for seconds
+    os.register_at_fork(after_in_child=_renew_locks)
 
 
 def acquire_fleet(path: Path) -> Fleet:

@@ -11,9 +11,11 @@ by a plugin, names them.
 from __future__ import annotations
 
 import logging
+import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextvars import ContextVar
+from functools import partial
 from types import MappingProxyType
 from typing import Final, Literal, TextIO, cast
 
@@ -79,7 +81,7 @@ def configure_logging(format: LogFormat = "human", level: str = "info", stream: 
         level: the lowest level shown: debug, info, warning or error.
         stream: the output; stderr if None.
     """
-    global debug_enabled  # one process, one configuration
+    global debug_enabled, _configured  # one process, one configuration
     lowest = logging.getLevelNamesMapping()[level.upper()]
     debug_enabled = lowest <= logging.DEBUG
     out = NonBlockingStream(stream)
@@ -95,13 +97,28 @@ def configure_logging(format: LogFormat = "human", level: str = "info", stream: 
         structlog.processors.TimeStamper(fmt="iso" if format == "json" else "%H:%M:%S"),
     ]
     shared.append(structlog.processors.format_exc_info if format == "json" else _without_controls)
+    factory = structlog.PrintLoggerFactory(cast("TextIO", out))
     structlog.configure(
         processors=[*shared, renderer],
         wrapper_class=structlog.make_filtering_bound_logger(lowest),
-        logger_factory=structlog.PrintLoggerFactory(cast("TextIO", out)),
+        logger_factory=factory,
         cache_logger_on_first_use=False,
     )
+    _configured = factory, partial(configure_logging, format, level, stream)
     logging.getLogger("pykka").setLevel(logging.CRITICAL)  # our actors report every failure that it would print
+
+
+_configured: tuple[object, Callable[[], None]] = None, lambda: None
+
+
+def _configure_child() -> None:
+    factory, configure = _configured
+    if structlog.get_config()["logger_factory"] is factory:
+        configure()
+
+
+if hasattr(os, "register_at_fork"):  # a child lacks the threads that hold the stream's lock, and write its lines
+    os.register_at_fork(after_in_child=_configure_child)
 
 
 def get_logger(**bound: object) -> structlog.typing.FilteringBoundLogger:

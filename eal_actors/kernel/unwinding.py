@@ -11,6 +11,7 @@ was set before at its first call inside, and nothing more can be set until it ha
 from __future__ import annotations
 
 import ctypes
+import os
 import threading
 from types import TracebackType
 from typing import Final
@@ -18,6 +19,9 @@ from typing import Final
 _LOCK: Final = threading.Lock()
 _INSIDE: Final[set[int]] = set()  # the threads in an uninterrupted block
 _DUE: Final[dict[int, type[BaseException]]] = {}  # the exceptions that those threads raise at the end of the block
+
+if hasattr(os, "register_at_fork"):  # a child would lack the thread that holds the lock
+    os.register_at_fork(before=_LOCK.acquire, after_in_parent=_LOCK.release, after_in_child=_LOCK.release)
 
 
 class AbandonedThread(BaseException):

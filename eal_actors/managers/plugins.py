@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import inspect
 import math
+import os
 import sys
 import threading
 import zlib
@@ -38,6 +39,15 @@ from eal_actors.managers.manifest import PluginManifest, discover, explain_unkno
 
 _PACKAGE: Final = "eal_plugins"
 _import_lock = threading.RLock()
+
+
+def _renew_lock() -> None:
+    global _import_lock
+    _import_lock = threading.RLock()
+
+
+if hasattr(os, "register_at_fork"):  # a child lacks the thread that holds the lock, while it imports for seconds
+    os.register_at_fork(after_in_child=_renew_lock)
 
 
 def import_plugin(manifest: PluginManifest) -> ModuleType:

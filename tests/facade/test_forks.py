@@ -1,0 +1,95 @@
+"""A child of `os.fork` whose parent has other threads: the locks that they hold are released by nobody in the child."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.plugin_files import write_plugin
+
+LAMP = """\
+import sys
+from eal_actors.plugin import EALPlugin, Resource
+class Lamp(Resource): pass
+if "import" in sys.argv: sys.modules["__main__"].wait_inside()
+def connect():
+    if "connect" in sys.argv: sys.modules["__main__"].wait_inside()
+    return EALPlugin("Lamp")
+"""
+PROGRAM = """\
+import io, os, signal, sys, threading
+from eal_actors import Fleet, connect
+from eal_actors.kernel.log import configure_logging, get_logger
+is_inside, may_leave = threading.Event(), threading.Event()
+def wait_inside():
+    is_inside.set()
+    may_leave.wait()
+class Stream(io.StringIO):
+    def write(self, text):
+        if threading.current_thread() is thread:
+            wait_inside()
+        return super().write(text)
+configure_logging(stream=Stream())
+def work():
+    if "log" in sys.argv:
+        get_logger().warning("a line")
+    else:
+        with connect("r", fleet="first.yaml") if "connect" in sys.argv else Fleet.load("first.yaml"):
+            pass
+thread = threading.Thread(target=work)
+thread.start()
+is_inside.wait()
+if not (child := os.fork()):
+    signal.alarm(30)
+    get_logger().warning("a line of the child")
+    with connect("r", fleet="second.yaml"):
+        pass
+    os._exit(0)
+_, status = os.waitpid(child, 0)
+may_leave.set()
+thread.join()
+sys.exit(os.waitstatus_to_exitcode(status))
+"""
+
+LOGGING = """\
+import os, signal, sys, threading
+from eal_actors.kernel.log import get_logger
+def work():
+    while True:
+        get_logger().warning("a line")
+threading.Thread(target=work, daemon=True).start()
+sys.setswitchinterval(1e-6)
+for _ in range(60):
+    if not (child := os.fork()):
+        signal.alarm(30)
+        get_logger().warning("a line of the child")
+        os._exit(0)
+    if os.waitpid(child, 0)[1]:
+        os._exit(1)
+os._exit(0)
+"""
+
+
+@pytest.mark.parametrize("what", ["connect", "import", "log"])
+def test_a_child_connects_while_another_thread_of_its_parent_is_at_it(tmp_path: Path, what: str) -> None:
+    """It hung for ever."""
+    write_plugin(tmp_path, "lamp", LAMP, "Lamp")
+    for name, plugin in (("first", "lamp"), ("second", "sample")):
+        fleet = {"version": 1, "name": name, "plugin_dirs": ["plugins"], "robots": {"r": {"plugins": {plugin: {}}}}}
+        (tmp_path / f"{name}.yaml").write_text(json.dumps(fleet), encoding="utf-8")
+    ended = subprocess.run(
+        [sys.executable, "-c", PROGRAM, what], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (ended.returncode, ended.stderr) == (0, "")
+
+
+def test_children_log_while_another_thread_of_their_parent_logs(tmp_path: Path) -> None:
+    """One in six hung for ever."""
+    with (tmp_path / "lines.txt").open("w", encoding="utf-8") as lines:
+        ended = subprocess.run([sys.executable, "-c", LOGGING], stderr=lines, timeout=60, check=False)
+    assert ended.returncode == 0
+    assert (tmp_path / "lines.txt").read_text(encoding="utf-8").count("a line of the child") == 60
