@@ -64,6 +64,7 @@ class LiveRecord:
         self._directory = directory
         self._wall_started = wall_time().isoformat()
         self._lock = threading.Lock()
+        self._has_ended = False
         self._losses: dict[str, list[LossReport]] = {name: [] for name in fleet}
         self._observers = ExitStack()
         self._scenario_hash = scenario_hash(scenario := _scenario(1.0))
@@ -96,10 +97,12 @@ class LiveRecord:
 
     def __exit__(self, *exc_info: object) -> None:
         self._observers.close()
-        report = self._report(self._fleet.clock.now() - self._zero_s)
         try:
             with folder_errors(self._directory):
-                self._write(lambda time_s: RunEnded(time_s, report))
+                with self._lock:  # a robot's thread may still be in _note
+                    self._has_ended = True
+                    report = self._report(self._fleet.clock.now() - self._zero_s)
+                    self._write(lambda time_s: RunEnded(time_s, report))
                 (self._directory / SCENARIO).write_text("\n".join(_scenario(report.duration_s).lines), encoding="utf-8")
                 self._journal.write_summary(report)
         finally:
@@ -108,22 +111,24 @@ class LiveRecord:
 
     def _note(self, name: str, state: RobotState) -> None:
         """Record the loss and the return of a robot. Thread: the robot's."""
-        losses = self._losses[name]
-        is_lost = bool(losses) and losses[-1].back_s is None
-        if state is RobotState.LOST and not is_lost:
-            problems = self._fleet[name].problems
-            error = ErrorReport.of(problems[-1] if problems else UnavailableError("is out of reach", robot=name))
-            losses.append(LossReport(lost_s=self._write(lambda time_s: RobotLost(time_s, name, error))))
-        elif state is RobotState.READY and is_lost:
-            back_s = self._write(lambda time_s: RobotReturned(time_s, name))
-            losses[-1] = losses[-1].model_copy(update={"back_s": back_s})
+        with self._lock:
+            losses = self._losses[name]
+            is_lost = bool(losses) and losses[-1].back_s is None
+            if self._has_ended:
+                return
+            if state is RobotState.LOST and not is_lost:
+                problems = self._fleet[name].problems
+                error = ErrorReport.of(problems[-1] if problems else UnavailableError("is out of reach", robot=name))
+                losses.append(LossReport(lost_s=self._write(lambda time_s: RobotLost(time_s, name, error))))
+            elif state is RobotState.READY and is_lost:
+                back_s = self._write(lambda time_s: RobotReturned(time_s, name))
+                losses[-1] = losses[-1].model_copy(update={"back_s": back_s})
 
     def _write(self, make_event: Callable[[float], RunEvent]) -> float:
         """Record an event; return the seconds since the start."""
-        with self._lock:
-            time_s = self._fleet.clock.now() - self._zero_s
-            self._journal.write(make_event(time_s))
-            return time_s
+        time_s = self._fleet.clock.now() - self._zero_s
+        self._journal.write(make_event(time_s))
+        return time_s
 
     def _about(self) -> dict[str, Any]:
         """Return the fields that the first event and the report share."""

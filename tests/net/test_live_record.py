@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from eal_actors import Fleet
+from eal_actors.actors.robot_view import RobotState
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.recording import LiveRecord, RunFolder
 from eal_actors.scenario import RobotLost, RobotReturned, RunEvent, load_scenario
@@ -65,3 +66,43 @@ def test_a_folder_that_vanishes_is_reported_and_no_thread_is_left(tmp_path: Path
         LiveRecord(fleet, folder, "poses"),
     ):
         shutil.rmtree(folder)
+
+
+class WatchedLock:
+    """A lock that tells when a second thread comes to it."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self.is_wanted = threading.Event()
+
+    def __enter__(self) -> None:
+        if not self._lock.acquire(blocking=False):
+            self.is_wanted.set()
+            self._lock.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
+
+
+def test_a_loss_at_the_end_is_in_the_summary_if_it_is_in_the_events(tmp_path: Path) -> None:
+    """It was in the events only, and a later one was reported after the end."""
+    lock, is_heard, heard = WatchedLock(), threading.Event(), []
+
+    def listen(event: RunEvent) -> None:
+        heard.append(event.kind)
+        if event.kind == RobotLost.kind:
+            is_heard.set()
+            assert lock.is_wanted.wait(WAIT_S)
+
+    with Fleet.load("sim").connect(["roomba-1"]) as fleet:
+        with LiveRecord(fleet, tmp_path, "poses", [listen]) as record:
+            record._lock = lock  # type: ignore[assignment]
+            robot = threading.Thread(target=record._note, args=("roomba-1", RobotState.LOST))
+            robot.start()
+            assert is_heard.wait(WAIT_S)
+        robot.join()
+        record._note("roomba-1", RobotState.READY)  # its thread was at it when the record ended
+    run = RunFolder.open(tmp_path)
+    assert [event["event"] for event in run.events] == heard == ["run_started", "robot_lost", "run_ended"]
+    assert run.summary is not None
+    assert [loss.back_s for loss in run.summary.robots["roomba-1"].losses] == [None]
