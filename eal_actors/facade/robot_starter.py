@@ -13,12 +13,12 @@ from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.lock_step import MAX
 from eal_actors.kernel.log import get_logger
+from eal_actors.kernel.memory import limit_heaps
 from eal_actors.kernel.processors import sharing_processor, take_turns
 from eal_actors.managers.fleet_changes import FleetChanges
 from eal_actors.managers.fleet_model import FleetConfig, RobotConfig
 from eal_actors.managers.network_check import no_lock_step
 from eal_actors.managers.plugins import EALPluginManager
-from eal_actors.wire.engine_setup import limit_heaps
 from eal_actors.wire.rpc.client.controller import Controller
 from eal_actors.wire.rpc.client.remote_robot import RemoteRobot
 from eal_actors.wire.session import check_process

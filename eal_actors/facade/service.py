@@ -13,12 +13,12 @@ from eal_actors.device.info import unknown_name
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ConfigError, EALError, Problem, UnsupportedError, file_error
 from eal_actors.kernel.log import get_logger
+from eal_actors.kernel.memory import limit_heaps
 from eal_actors.kernel.processors import sharing_processor, take_turns
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_changes import FleetChanges
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER
-from eal_actors.wire.engine_setup import limit_heaps
 from eal_actors.wire.listening import require_free
 from eal_actors.wire.rpc.server.host import RobotHost
 from eal_actors.wire.rpc.server.robot_server import RobotServer

@@ -23,19 +23,17 @@ from __future__ import annotations
 
 import array
 import contextlib
-import ctypes
-import os
 import socket
 import struct
 import threading
 from collections.abc import Callable, Container, Iterable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Final, NamedTuple
 
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.log import get_logger
-from eal_actors.kernel.posix import HAS_LIMITS, fcntl, resource, termios
+from eal_actors.kernel.memory import MemoryRoom
+from eal_actors.kernel.posix import fcntl, termios
 from eal_actors.managers.network_model import parse_endpoint
 from eal_actors.wire.engine_exit import start_thread
 from eal_actors.wire.own_sockets import is_listening, sockets_to, tcp_sockets
@@ -58,16 +56,6 @@ STUCK_LOOKS: Final = 90
 """Looks in a row that find a connection without a handshake before the engine counts as out of order."""
 _BYTES_RECEIVED: Final = 128
 """Offset of `tcpi_bytes_received` in `struct tcp_info`. Source: linux/tcp.h."""
-SHORT_BYTES: Final = 24 * 1024**2
-"""Room below which memory is short. A link of 1 Gbit/s brings 6 MB between two looks of the watch, and the engine keeps
-more than that: on a busy machine, a flood of keys over loopback took 139 MB with 16 MB of room, and 125 MB with 24.
-"""
-GROWN_BYTES: Final = 8 * 1024**2
-"""Growth below which this process is not the one that fills the memory."""
-_STATM: Final = Path("/proc/self/statm")
-_MEMINFO: Final = Path("/proc/meminfo")
-_CGROUPS: Final = Path("/sys/fs/cgroup")
-_PAGE: Final = os.sysconf("SC_PAGE_SIZE") if HAS_LIMITS else 0
 
 
 class Link(NamedTuple):
@@ -213,57 +201,3 @@ def hang_up(endpoints: Iterable[str], links: Container[Link] = ()) -> None:
                 is_link = False
             if not is_link:
                 end.shutdown(socket.SHUT_RDWR)
-
-
-class MemoryRoom:
-    """Compares this process's memory with its own limits, those of its cgroups and the machine's. Thread: one.
-
-    Memory is short only if this process has grown too: on a machine that others fill, ending links would not help. Each
-    limit counts, since whichever is reached first ends the process. Linux; memory is never short elsewhere.
-    """
-
-    def __init__(self) -> None:
-        self._cgroup_bytes = min(_cgroup_limits(), default=None)
-        self._least_bytes = 0
-
-    def is_short(self) -> bool:
-        """Return whether little memory is left and this process has grown."""
-        try:
-            size, resident, _, _, _, data, _ = (int(pages) * _PAGE for pages in _STATM.read_bytes().split())
-        except (OSError, ValueError):  # another system, or no descriptor is free
-            return False
-        self._least_bytes = min(self._least_bytes or resident, resident)
-        if resident - self._least_bytes < GROWN_BYTES:
-            return False
-        limits = (resource.RLIMIT_AS, size), (resource.RLIMIT_DATA, data)
-        soft = ((resource.getrlimit(which)[0], used) for which, used in limits)
-        rooms = [limit - used for limit, used in soft if limit != resource.RLIM_INFINITY]
-        if self._cgroup_bytes is not None:
-            rooms.append(self._cgroup_bytes - resident)
-        return min([*rooms, *_available()], default=SHORT_BYTES) < SHORT_BYTES
-
-    def free(self) -> None:
-        """Return unused memory to the system, as far as the C library can."""
-        with contextlib.suppress(AttributeError):  # another C library
-            ctypes.CDLL(None).malloc_trim(0)
-
-
-def _available() -> Iterator[int]:
-    """Yield the memory that the machine has for new processes."""
-    with contextlib.suppress(OSError):
-        for line in _MEMINFO.read_text(encoding="ascii").splitlines():
-            if line.startswith("MemAvailable:"):
-                yield 1024 * int(line.split()[1])
-
-
-def _cgroup_limits() -> Iterator[int]:
-    """Yield the limits of the cgroups (version 2) that this process is in."""
-    with contextlib.suppress(OSError, ValueError):
-        (path,) = (
-            line[3:] for line in Path("/proc/self/cgroup").read_text(encoding="utf-8").splitlines() if line[:3] == "0::"
-        )
-        group = _CGROUPS / path.strip("/")
-        for folder in (group, *group.parents):
-            limit = folder / "memory.max"
-            if folder.is_relative_to(_CGROUPS) and limit.is_file() and (text := limit.read_text().strip()) != "max":
-                yield int(text)

@@ -25,10 +25,11 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError
 from eal_actors.kernel.log import get_logger
+from eal_actors.kernel.memory import limit_heaps, return_buffers
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER, DEFAULT_NETWORK, NetworkConfig, parse_endpoint
 from eal_actors.wire.engine_exit import IS_A_FORK, close_at_exit, start_thread
-from eal_actors.wire.engine_setup import limit_heaps, return_buffers, share_threads
+from eal_actors.wire.engine_setup import share_threads
 from eal_actors.wire.format.packing import MAX_ENVELOPE_BYTES, MAX_PAYLOAD_BYTES
 from eal_actors.wire.link_watch import Link, hang_up, watching
 from eal_actors.wire.listening import in_use

@@ -30,7 +30,7 @@ SHORT_MS = 2
 MUCH_BYTES = 300_000
 SHORT_OF_MEMORY = """
 import resource
-from eal_actors.wire.link_watch import MemoryRoom
+from eal_actors.kernel.memory import MemoryRoom
 room = MemoryRoom()
 shown = [room.is_short()]
 used = int(open("/proc/self/statm").read().split()[5]) * resource.getpagesize()
