@@ -29,11 +29,12 @@ from collections import deque
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
-from eal_actors.actors.robot_view import MailboxLoad, Ping, RobotState
+from eal_actors.actors.robot_view import Ping
 from eal_actors.device.data import EALData
 from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError
 from eal_actors.wire.format.messages import Answer, RobotTime
+from eal_actors.wire.rpc.client.handshake import ping_from
 from eal_actors.wire.rpc.freshness import MAX_DRIFT
 
 PING_PERIOD_S: Final = 10.0
@@ -88,7 +89,8 @@ class ClockTracker:
         received_s, replied_s = _time_field(answer, "received_s"), _time_field(answer, "replied_s")
         best = self.learn(time.era, sent_s, received_s, replied_s, answered_s)
         round_trip_s = max(0.0, answered_s - sent_s - (replied_s - received_s))
-        return _ping_from(answer, round_trip_s, best.offset_s, best.error_s(answered_s))
+        measured = {"round_trip_s": round_trip_s, "offset_s": best.offset_s, "offset_error_s": best.error_s(answered_s)}
+        return ping_from({**answer, **measured, "running": ()})
 
     def note(self, time: RobotTime | None, sent_s: float, answered_s: float) -> None:
         """Learn the offset from any reply: less precisely, since the robot's own share of the time is unknown."""
@@ -138,36 +140,6 @@ class ClockTracker:
             self._offsets.append(ping)
             self.latest = best = min(reversed(self._offsets), key=lambda offset: offset.error_s(answered_s))
         return best
-
-
-def _ping_from(answer: Mapping[str, Any], round_trip_s: float, offset_s: float, error_s: float) -> Ping:
-    stopped = answer.get("stopped")
-    try:
-        return Ping(
-            state=RobotState(answer.get("state")),
-            release=str(answer["release"]),
-            resources=int(answer["resources"]),
-            stopped=None if stopped is None else str(stopped),
-            holders=text_map(answer["holders"]),
-            holder_ids=text_map(answer.get("holder_ids", {})),  # older robots send none
-            round_trip_s=round_trip_s,
-            offset_s=offset_s,
-            offset_error_s=error_s,
-            not_ready=text_map(answer.get("not_ready", {})),
-            mailboxes={
-                str(name): MailboxLoad(int(count), float(oldest_s))
-                for name, (count, oldest_s) in answer.get("mailboxes", {}).items()
-            },
-            warnings=tuple(map(str, answer.get("warnings", ()))),
-            restarts={str(name): int(count) for name, count in answer.get("restarts", {}).items()},
-        )
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise ProtocolError(f"the answer to a ping is malformed: {error!r}") from error
-
-
-def text_map(mapping: Mapping[Any, Any]) -> dict[str, str]:
-    """Return a map of a message with its keys and values as text."""
-    return {str(key): str(text) for key, text in mapping.items()}
 
 
 def _time_field(answer: Mapping[str, Any], key: str) -> float:

@@ -9,17 +9,18 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Final
 
 from eal_actors.actors.call import Call
 from eal_actors.actors.robot_view import RunningCommand
 from eal_actors.device.resource import Progress
-from eal_actors.kernel.errors import ProtocolError, UnavailableError
+from eal_actors.kernel.errors import UnavailableError
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import Answer, CallId
 from eal_actors.wire.rpc.client.channel import Channel
+from eal_actors.wire.rpc.client.handshake import running_from
 
 _REATTACH_S: Final = 2.0
 _CANCEL_S: Final = 1.0
@@ -41,15 +42,9 @@ class CommandBoard:
     def replace(self, rows: object, as_of_s: float) -> list[tuple[CallId, Progress]]:
         """Replace the list, unless it is older; return what has progressed. ProtocolError if the rows are malformed.
 
-        The rows are of client, epoch, sequence and fields, from a message of a time of the robot.
+        The rows are those of running_from, in a message of a time of the robot.
         """
-        try:
-            running = {
-                CallId(str(client), int(epoch), int(sequence)): _running_from(fields)
-                for client, epoch, sequence, fields in rows  # type: ignore[attr-defined]  # checked by trying
-            }
-        except (TypeError, ValueError, AttributeError) as error:
-            raise ProtocolError(f"the running commands {rows!r} are malformed") from error
+        running = running_from(rows)
         with self._lock:
             if as_of_s < self._as_of_s:
                 return []
@@ -83,28 +78,9 @@ class CommandBoard:
         )
 
 
-def _progress_from(row: object) -> Progress | None:
-    """Decode a progress: fraction, text and time; None if there is none, ProtocolError if it is malformed."""
-    if row is None:
-        return None
-    try:
-        fraction, text, time_s = list(row)  # type: ignore[call-overload]  # checked by trying
-        return Progress(None if fraction is None else float(fraction), str(text), float(time_s))
-    except (TypeError, ValueError) as error:
-        raise ProtocolError(f"the progress {row!r} is malformed") from error
-
-
 def localized_progress(progress: Progress, to_local: Callable[[float], float]) -> Progress:
     """Return a progress with its time by our fleet's clock."""
     return replace(progress, time_s=to_local(progress.time_s))
-
-
-def _running_from(fields: Mapping[str, Any]) -> RunningCommand:
-    try:
-        resource, command, by = (str(fields[key]) for key in ("resource", "command", "by"))
-        return RunningCommand(resource, command, by, float(fields["since_s"]), _progress_from(fields.get("progress")))
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise ProtocolError(f"the running command {fields!r} is malformed") from error
 
 
 class CommandTracker:

@@ -1,4 +1,4 @@
-"""Decoding of a robot's answer to the handshake (`hello`), field by field, since it comes from another machine.
+"""Decoding of a robot's handshake (`hello`), pings and running commands, field by field: another machine sends them.
 
 Either all of an answer is valid, or ProtocolError: a robot is never half known. Fields and methods that this release
 does not know are ignored, and fields that older robots do not send have defaults: releases of one protocol version mix.
@@ -8,16 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Final, Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from eal_actors.actors.robot_view import RobotState
+from eal_actors.actors.robot_view import MailboxLoad, Ping, RobotState, RunningCommand
 from eal_actors.device.info import METHODS, ResourceInfo
+from eal_actors.device.resource import Progress
 from eal_actors.kernel.errors import EALError, ProtocolError, error_text
-from eal_actors.wire.format.messages import Answer
-from eal_actors.wire.rpc.client.clock_offset import text_map
+from eal_actors.wire.format.messages import Answer, CallId
 from eal_actors.wire.security.access import Rights
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +32,7 @@ class Handshake:
         left_out: reasons why connected plugins lack resources.
         not_ready: reasons why resources are not ready, by name.
         rights: calls that it grants; None for all.
-        running: rows of running commands; see CommandBoard.replace.
+        running: rows of running commands; see running_from.
         process: the process that serves it, if that takes batches; else empty.
         has_failed: whether it is served only to report the reason, the last one of `problems`.
     """
@@ -61,7 +63,7 @@ class Handshake:
                 None if stopped is None else str(stopped),
                 tuple(str(problem) for problem in answer["problems"]),
                 tuple(str(reason) for reason in answer.get("left_out", ())),
-                text_map(answer.get("not_ready", {})),
+                {str(name): str(reason) for name, reason in answer.get("not_ready", {}).items()},
                 None if certificate is None else Rights.decode(answer.get("rights"), certificate),
                 answer.get("running", ()),
                 str(answer.get("process", "")),
@@ -116,15 +118,46 @@ class _InfoFields(_Fields):
     description: str
 
 
+_INFO: Final = TypeAdapter(_InfoFields)
+_PING: Final = TypeAdapter(Ping)
+_LOADS: Final = TypeAdapter(dict[str, tuple[int, float]])
+_COMMANDS: Final = TypeAdapter(list[tuple[str, int, int, dict[str, Any]]])
+_COMMAND: Final = TypeAdapter(RunningCommand)
+_PROGRESS: Final = TypeAdapter(tuple[float | None, str, float] | None)
+
+
 def info_from(fields: object) -> ResourceInfo:
     """Rebuild the result of `ResourceInfo.to_dict` without unknown methods; ProtocolError if a field is malformed."""
+    checked = _checked(_INFO, fields, "information of a resource")
+    checked.methods = [method for method in checked.methods if method in METHODS]
     try:
-        checked = _InfoFields.model_validate(fields)
-        checked.methods = [method for method in checked.methods if method in METHODS]
         return ResourceInfo.from_dict(checked.model_dump())
+    except KeyError as error:
+        raise ProtocolError(f"information of a resource: there is no type {error}") from error
+
+
+def ping_from(fields: Mapping[str, object]) -> Ping:
+    """Return a ping from its fields; ProtocolError if one is malformed."""
+    what = "the answer to a ping"
+    loads = _checked(_LOADS, fields.get("mailboxes", {}), f"{what}: mailboxes")
+    mailboxes = {name: MailboxLoad(*load) for name, load in loads.items()}
+    return _checked(_PING, {**fields, "mailboxes": mailboxes}, what)
+
+
+def running_from(rows: object) -> dict[CallId, RunningCommand]:
+    """Return running commands from rows of client, epoch, sequence and fields; ProtocolError if one is malformed."""
+    what, running = "a running command", {}
+    for client, epoch, sequence, fields in _checked(_COMMANDS, rows, what):
+        progress = _checked(_PROGRESS, fields.get("progress"), f"{what}: progress")
+        fields["progress"] = progress and Progress(*progress)
+        running[CallId(client, epoch, sequence)] = _checked(_COMMAND, fields, what)
+    return running
+
+
+def _checked(adapter: TypeAdapter[T], fields: object, what: str) -> T:
+    try:
+        return adapter.validate_python(fields)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         place = ".".join(map(str, first["loc"])) or "all of it"
-        raise ProtocolError(f"information of a resource: {place}: {first['msg']}") from error
-    except KeyError as error:
-        raise ProtocolError(f"information of a resource: there is no type {error}") from error
+        raise ProtocolError(f"{what}: {place}: {first['msg']}") from error

@@ -69,6 +69,7 @@ def test_errors_go_to_who_waits() -> None:
         answer(0.5, 0.5, state="happy"),
         answer(0.5, 0.5, resources="many"),
         answer(0.5, 0.5, holders=3),
+        answer(0.5, 0.5, mailboxes={"Base": [1]}),
         answer(0.5, 9.5),
     ],
 )
