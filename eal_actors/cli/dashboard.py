@@ -21,8 +21,8 @@ from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.errors import file_error
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.managers.keys.certificates import DASHBOARD, certificate_file, folder_of, key_file, list_certificates
 from eal_actors.managers.missing_modules import needs_extra, require_modules
-from eal_actors.wire.security.certificates import DASHBOARD, certificate_file, folder_of, key_file, list_certificates
 
 if TYPE_CHECKING:
     from eal_actors.operate.dashboard import Dashboard

@@ -15,8 +15,8 @@ from eal_actors.cli.output import print_line, stderr, stdout
 from eal_actors.kernel.bundled import short_path
 from eal_actors.kernel.strict_model import NAME_PATTERN
 from eal_actors.managers.fleet_model import OperatorRole
+from eal_actors.managers.keys.certificates import AUTHORITY, DASHBOARD, certificate_file, make_certificate
 from eal_actors.managers.missing_modules import needs_extra
-from eal_actors.wire.security.certificates import AUTHORITY, DASHBOARD, certificate_file, make_certificate
 
 _LOOPBACK: Final = ("localhost", "127.0.0.1", "::1")
 app = keys_app

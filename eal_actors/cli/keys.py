@@ -24,8 +24,7 @@ from eal_actors.lab.fleet_edits import replace_file, with_security
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_loader import load_fleet
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.managers.network_model import BEHIND_ROUTER, parse_endpoint
-from eal_actors.wire.security.certificates import (
+from eal_actors.managers.keys.certificates import (
     AUTHORITY,
     DEFAULT_FOLDER,
     VALID,
@@ -37,8 +36,9 @@ from eal_actors.wire.security.certificates import (
     make_authority,
     make_certificate,
 )
-from eal_actors.wire.security.expiry import expires_soon, time_left
-from eal_actors.wire.security.revocation import REVOKED, require_not_revoked, revoked_names
+from eal_actors.managers.keys.expiry import expires_soon, time_left
+from eal_actors.managers.keys.revocation import REVOKED, require_not_revoked, revoked_names
+from eal_actors.managers.network_model import BEHIND_ROUTER, parse_endpoint
 
 app = typer.Typer(
     cls=EalCommandGroup, help="Make the certificates that secure a fleet's network.", no_args_is_help=True

@@ -19,11 +19,11 @@ from eal_actors.kernel.clock import wall_time
 from eal_actors.kernel.errors import EALError
 from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.managers.keys.certificates import AUTHORITY, list_certificates, make_pass, renew_certificate
+from eal_actors.managers.keys.expiry import expires_soon
+from eal_actors.managers.keys.revocation import require_not_revoked, revoke, revoked_names
 from eal_actors.wire.format import keys
 from eal_actors.wire.rpc.client.broadcast import ask_robots
-from eal_actors.wire.security.certificates import AUTHORITY, list_certificates, make_pass, renew_certificate
-from eal_actors.wire.security.expiry import expires_soon
-from eal_actors.wire.security.revocation import require_not_revoked, revoke, revoked_names
 
 app = keys_app
 

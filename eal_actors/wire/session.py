@@ -27,6 +27,7 @@ from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError
 from eal_actors.kernel.log import get_logger
 from eal_actors.kernel.memory import limit_heaps, return_buffers
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.managers.keys.revocation import revoked_names, without_revoked
 from eal_actors.managers.network_model import BEHIND_ROUTER, DEFAULT_NETWORK, NetworkConfig, parse_endpoint
 from eal_actors.wire.engine_exit import IS_A_FORK, close_at_exit, start_thread
 from eal_actors.wire.engine_setup import share_threads
@@ -36,7 +37,6 @@ from eal_actors.wire.listening import in_use
 from eal_actors.wire.security.accept_guard import ROBOT_STRANGERS, ROUTER_STRANGERS, guarding, raise_file_limit
 from eal_actors.wire.security.access import controller_access, robot_access, router_access, tls_config
 from eal_actors.wire.security.packet_filter import plain_address
-from eal_actors.wire.security.revocation import revoked_names, without_revoked
 
 if TYPE_CHECKING:
     import zenoh

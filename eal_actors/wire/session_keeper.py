@@ -21,12 +21,12 @@ from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import EALError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.managers.keys.expiry import certificate_warnings
+from eal_actors.managers.keys.key_watch import WATCH_PERIOD_S, KeyWatch
+from eal_actors.managers.keys.revocation import revoke
 from eal_actors.managers.network_model import DEFAULT_NETWORK, NetworkConfig
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import decode_call
-from eal_actors.wire.security.expiry import certificate_warnings
-from eal_actors.wire.security.key_watch import WATCH_PERIOD_S, KeyWatch
-from eal_actors.wire.security.revocation import revoke
 from eal_actors.wire.session import open_session
 from eal_actors.wire.transport import Transport
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Final
 
 from eal_actors import Fleet
-from eal_actors.wire.security.certificates import make_authority, make_certificate
+from eal_actors.managers.keys.certificates import make_authority, make_certificate
 from tests.benchmarks.network import timed
 from tests.benchmarks.peers.tcp import TcpClient
 from tests.net.links import free_port

@@ -11,8 +11,8 @@ import pytest
 
 from eal_actors.facade.service import RobotService
 from eal_actors.managers.config import EALConfigManager
+from eal_actors.managers.keys.certificates import make_authority, make_certificate
 from eal_actors.operate.doctor.plugins import check_plugins
-from eal_actors.wire.security.certificates import make_authority, make_certificate
 from tests.net.links import free_port
 
 

@@ -17,7 +17,7 @@ from cryptography.hazmat.primitives.serialization import (
     load_pem_private_key,
 )
 
-from eal_actors.wire.security.certificates import make_authority, make_certificate
+from eal_actors.managers.keys.certificates import make_authority, make_certificate
 from evbotos import identity
 from evbotos.errors import BuildError
 from evbotos.hosttools import find_tool

@@ -17,7 +17,7 @@ from eal_actors.facade.service import RobotService
 from eal_actors.kernel.errors import ConfigError, RobotNotFoundError, UnavailableError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.wire.security.certificates import make_authority, make_certificate
+from eal_actors.managers.keys.certificates import make_authority, make_certificate
 from eal_actors.wire.session import open_session, router_config
 from tests.net.links import eventually, fleet_of, free_port
 

@@ -22,11 +22,11 @@ from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.robot_view import RobotState
 from eal_actors.facade.service import RobotService, serve_together
 from eal_actors.kernel.errors import ProtocolError
+from eal_actors.managers.keys.certificates import make_authority, make_certificate
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.packing import PROTOCOL_VERSION
 from eal_actors.wire.local_link import LocalLink, dial
 from eal_actors.wire.rpc.client.controller import Controller
-from eal_actors.wire.security.certificates import make_authority, make_certificate
 from eal_actors.wire.transport import Transport
 from tests.net.links import Wire, eventually, free_port
 from tests.net.rig import WAIT_S, Rig, becomes, ready, served

@@ -16,7 +16,7 @@ from eal_actors.actors.handles import ResourceHandle
 from eal_actors.actors.robot_view import RobotState
 from eal_actors.facade.service import RobotService
 from eal_actors.kernel.errors import UnavailableError
-from eal_actors.wire.security.certificates import make_authority, make_certificate
+from eal_actors.managers.keys.certificates import make_authority, make_certificate
 from tests.net.links import eventually
 from tests.net.rig import WAIT_S, Rig, becomes, process, ready, servers
 

@@ -27,11 +27,11 @@ from eal_actors.kernel.errors import (
     StaleCommandError,
     UnavailableError,
 )
+from eal_actors.managers.keys.certificates import make_authority, make_certificate
 from eal_actors.wire.format.keys import STOP, client_id
 from eal_actors.wire.format.messages import Answer, CallHeader, CallReply, RobotTime, decode_reply, encode_call
 from eal_actors.wire.format.packing import PROTOCOL_VERSION
 from eal_actors.wire.rpc.client.broadcast import ask_robots
-from eal_actors.wire.security.certificates import make_authority, make_certificate
 from eal_actors.wire.session import controller_config, open_session, robot_config
 from tests.net.links import eventually
 from tests.net.rig import WAIT_S, Rig, becomes, failure, ready, served, servers

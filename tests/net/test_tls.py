@@ -13,7 +13,7 @@ import zenoh
 from eal_actors import Fleet
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.wire.security.certificates import make_authority, make_certificate
+from eal_actors.managers.keys.certificates import make_authority, make_certificate
 from eal_actors.wire.session import controller_config, open_session, robot_config, router_config
 from tests.net.links import answering, ask, eventually, fleet_of, free_port
 from tests.security.forging import as_seen_by

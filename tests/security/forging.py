@@ -15,6 +15,7 @@ import zenoh
 
 from eal_actors.device.data import EALData
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.managers.keys.certificates import make_authority, make_certificate
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.keys import client_id
 from eal_actors.wire.format.messages import (
@@ -28,7 +29,6 @@ from eal_actors.wire.format.messages import (
 )
 from eal_actors.wire.format.packing import PROTOCOL_VERSION
 from eal_actors.wire.format.parts import split
-from eal_actors.wire.security.certificates import make_authority, make_certificate
 from eal_actors.wire.session import controller_config, open_session
 from tests.net.links import eventually
 from tests.net.rig import WAIT_S, Rig

@@ -17,11 +17,11 @@ from eal_actors.kernel.errors import ConfigError, ScenarioError
 from eal_actors.lab.calibration.step import fit_umbmark
 from eal_actors.lab.changes.step import compare_views
 from eal_actors.managers.config import EALConfigManager
+from eal_actors.managers.keys.certificates import make_authority, make_certificate
 from eal_actors.managers.manifest import ManifestFile
 from eal_actors.managers.plugins import EALPluginManager
 from eal_actors.operate.dashboard import Dashboard
 from eal_actors.scenario import check_scenario, run_scenario
-from eal_actors.wire.security.certificates import make_authority, make_certificate
 from evbotos.definitions import load_definitions
 from evbotos.lock import LockedWheel
 from tests.operate.dashboard.rig import open_dashboard, page_of

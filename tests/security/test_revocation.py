@@ -20,21 +20,21 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.facade.service import RobotService
 from eal_actors.kernel.errors import AccessDeniedError, ConfigError, UnavailableError
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.operate.doctor import diagnose_fleet
-from eal_actors.operate.top.call_statistics import RecentCalls
-from eal_actors.operate.top.robot_row import robot_row
-from eal_actors.wire.format import keys
-from eal_actors.wire.format.messages import ACCEPTED
-from eal_actors.wire.security import expiry
-from eal_actors.wire.security.certificates import (
+from eal_actors.managers.keys import expiry
+from eal_actors.managers.keys.certificates import (
     certificate_file,
     key_file,
     list_certificates,
     make_certificate,
     renew_certificate,
 )
-from eal_actors.wire.security.key_watch import KeyWatch
-from eal_actors.wire.security.revocation import REVOKED, revoked_names
+from eal_actors.managers.keys.key_watch import KeyWatch
+from eal_actors.managers.keys.revocation import REVOKED, revoked_names
+from eal_actors.operate.doctor import diagnose_fleet
+from eal_actors.operate.top.call_statistics import RecentCalls
+from eal_actors.operate.top.robot_row import robot_row
+from eal_actors.wire.format import keys
+from eal_actors.wire.format.messages import ACCEPTED
 from eal_actors.wire.session import controller_config, open_session, router_config
 from eal_actors.wire.session_keeper import router_session
 from tests.log_lines import log_lines

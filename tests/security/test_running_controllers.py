@@ -15,9 +15,9 @@ import pytest
 
 from eal_actors.actors.robot_view import RobotState
 from eal_actors.facade.fleet import Fleet
-from eal_actors.wire.security.certificates import certificate_file, key_file, make_certificate, renew_certificate
-from eal_actors.wire.security.key_watch import KeyWatch
-from eal_actors.wire.security.revocation import REVOKED
+from eal_actors.managers.keys.certificates import certificate_file, key_file, make_certificate, renew_certificate
+from eal_actors.managers.keys.key_watch import KeyWatch
+from eal_actors.managers.keys.revocation import REVOKED
 from tests.net.links import eventually
 from tests.net.rig import WAIT_S, Rig, becomes, servers
 from tests.security.forging import make_keys, secure_rig

@@ -20,8 +20,8 @@ from websockets.typing import Origin
 
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.managers.config import EALConfigManager
+from eal_actors.managers.keys.certificates import make_authority, make_certificate
 from eal_actors.recording.provenance import resolved_fleet
-from eal_actors.wire.security.certificates import make_authority, make_certificate
 from tests.net.links import free_port
 from tests.plugin_files import write_plugin
 

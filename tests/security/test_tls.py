@@ -22,8 +22,8 @@ from eal_actors.kernel.clock import wall_time
 from eal_actors.kernel.errors import UnavailableError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.wire.security import certificates
-from eal_actors.wire.security.certificates import make_authority, make_certificate
+from eal_actors.managers.keys import certificates
+from eal_actors.managers.keys.certificates import make_authority, make_certificate
 from eal_actors.wire.session import controller_config, open_session, robot_config
 from tests.net.links import answering, ask, eventually, fleet_of, free_port
 

@@ -16,10 +16,10 @@ from eal_actors.kernel.errors import EALError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig, OperatorSection
+from eal_actors.managers.keys.certificates import DASHBOARD, certificate_file, key_file, list_certificates
+from eal_actors.managers.keys.key_watch import WATCH_PERIOD_S, FileWatch, KeyWatch
 from eal_actors.operate.dashboard.access import Access
 from eal_actors.operate.dashboard.sign_in import SignIn
-from eal_actors.wire.security.certificates import DASHBOARD, certificate_file, key_file, list_certificates
-from eal_actors.wire.security.key_watch import WATCH_PERIOD_S, FileWatch, KeyWatch
 
 _SECTION: Final = "dashboard"  # of the fleet file, with the operators
 

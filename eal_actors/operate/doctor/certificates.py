@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Final
 
 from eal_actors.kernel.clock import wall_time
 from eal_actors.managers.fleet_model import FleetConfig, RobotConfig
+from eal_actors.managers.keys.certificates import AUTHORITY, DASHBOARD, certificate_file, folder_of, key_file
+from eal_actors.managers.keys.expiry import expires_soon, time_left
 from eal_actors.managers.network_model import BEHIND_ROUTER, SecurityConfig, parse_endpoint
 from eal_actors.operate.doctor.diagnostic import Diagnostic, ok, problem, warning
-from eal_actors.wire.security.certificates import AUTHORITY, DASHBOARD, certificate_file, folder_of, key_file
-from eal_actors.wire.security.expiry import expires_soon, time_left
 
 if TYPE_CHECKING:
     from cryptography.x509 import Certificate

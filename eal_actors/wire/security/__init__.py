@@ -1,1 +1,1 @@
-"""Certificates, TLS and access control."""
+"""TLS, access control, and bounds for strangers."""

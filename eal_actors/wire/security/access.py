@@ -17,10 +17,10 @@ from typing import Any, Final, Literal, Self
 
 from eal_actors.kernel.errors import AccessDeniedError, ProtocolError
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.managers.keys.certificates import check_keys, files_of
+from eal_actors.managers.keys.revocation import revoked_names
 from eal_actors.managers.network_model import Grant, SecurityConfig
 from eal_actors.wire.format import keys
-from eal_actors.wire.security.certificates import check_keys, files_of
-from eal_actors.wire.security.revocation import revoked_names
 
 OBSERVER_METHODS: Final = ("get_status", "get_value", "send_req", "read_comm", "get_config")
 """Methods of a resource that an observer may call."""

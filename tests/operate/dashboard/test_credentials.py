@@ -13,17 +13,17 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 
 from eal_actors.facade.fleet import Fleet
-from eal_actors.operate.dashboard import Access, Dashboard, places, tls_context, web_server
-from eal_actors.operate.dashboard.session import SIGN_IN
-from eal_actors.operate.dashboard.tokens import hash_token
-from eal_actors.operate.doctor.diagnosis import diagnose_fleet
-from eal_actors.wire.security.certificates import (
+from eal_actors.managers.keys.certificates import (
     certificate_file,
     key_file,
     make_authority,
     make_certificate,
     renew_certificate,
 )
+from eal_actors.operate.dashboard import Access, Dashboard, places, tls_context, web_server
+from eal_actors.operate.dashboard.session import SIGN_IN
+from eal_actors.operate.dashboard.tokens import hash_token
+from eal_actors.operate.doctor.diagnosis import diagnose_fleet
 from tests.net.links import eventually
 from tests.operate.dashboard.rig import WAIT_S, Page, connect_to, counting_fleet, page_of
 

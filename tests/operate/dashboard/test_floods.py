@@ -15,9 +15,9 @@ from urllib.request import urlopen
 import pytest
 
 from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.managers.keys.certificates import certificate_file, key_file, make_authority, make_certificate
 from eal_actors.operate.dashboard import Dashboard, tls_context
 from eal_actors.operate.dashboard.places import MAX_PER_ADDRESS
-from eal_actors.wire.security.certificates import certificate_file, key_file, make_authority, make_certificate
 from tests.net.rig import process
 from tests.operate.dashboard.flooding import KINDS
 from tests.operate.dashboard.rig import WAIT_S, counting_fleet, open_dashboard, page_of

@@ -16,10 +16,10 @@ from eal_actors.facade.service import RobotService
 from eal_actors.kernel.clock import wall_time
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import OperatorSection
+from eal_actors.managers.keys.certificates import key_file, make_authority, make_certificate
 from eal_actors.operate.dashboard import Access, Dashboard, tls_context
 from eal_actors.operate.dashboard.sign_in import WRONG_TOKENS
 from eal_actors.operate.dashboard.tokens import hash_token, new_token
-from eal_actors.wire.security.certificates import key_file, make_authority, make_certificate
 from tests.net.links import free_port
 from tests.net.rig import Rig, served
 from tests.operate.dashboard.pages import VIEWS, OpenPage, connected, go, wait_until_halted

@@ -17,13 +17,13 @@ from eal_actors import Fleet
 from eal_actors.kernel.errors import AccessDeniedError, ConfigError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import OperatorRole, OperatorSection
+from eal_actors.managers.keys.certificates import certificate_file, key_file, make_authority, make_certificate
 from eal_actors.operate.audit import AUDIT_FILE, AuditLog, read_audit
 from eal_actors.operate.dashboard import Access, Dashboard, tls_context
 from eal_actors.operate.dashboard.access import Role
 from eal_actors.operate.dashboard.session import SIGN_IN
 from eal_actors.operate.dashboard.sign_in import KEPT_OUT_S, WRONG_TOKENS, SignIn
 from eal_actors.operate.dashboard.tokens import hash_token, matches
-from eal_actors.wire.security.certificates import certificate_file, key_file, make_authority, make_certificate
 from tests.cli.conftest import Program
 from tests.manual_clock import ManualClock
 from tests.operate.agents.waiting_plan import keep_plan

@@ -13,9 +13,9 @@ import pytest
 import zenoh
 
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.managers.keys.certificates import make_authority, make_certificate
 from eal_actors.wire.format import keys
 from eal_actors.wire.security.access import controller_access, robot_access, router_access
-from eal_actors.wire.security.certificates import make_authority, make_certificate
 from eal_actors.wire.session import controller_config, endpoints_of, robot_config, router_config
 from tests.net.links import fleet_of
 
@@ -175,7 +175,7 @@ class TestSecurity:
 
 def test_the_network_is_imported_only_where_it_is_used() -> None:
     program = (
-        "import sys, eal_actors, eal_actors.cli.app, eal_actors.wire.session, eal_actors.wire.security.certificates\n"
+        "import sys, eal_actors, eal_actors.cli.app, eal_actors.wire.session, eal_actors.managers.keys.certificates\n"
         "print([name for name in ('zenoh', 'cryptography') if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)

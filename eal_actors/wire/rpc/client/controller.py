@@ -26,6 +26,8 @@ from eal_actors.kernel.errors import EALError, ProtocolError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.kernel.throttled_log import ThrottledLog
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.managers.keys.expiry import certificate_warnings
+from eal_actors.managers.keys.key_watch import WATCH_PERIOD_S, KeyWatch
 from eal_actors.wire.format import keys, parts
 from eal_actors.wire.format.batches import BEGINS_BATCH, decode_batch
 from eal_actors.wire.format.messages import Heartbeat, RobotEvent, decode_event, encode_heartbeat
@@ -34,8 +36,6 @@ from eal_actors.wire.local_link import LocalLinks
 from eal_actors.wire.rpc.client.call_sender import CallSender
 from eal_actors.wire.rpc.client.discovery import ForeignRobots
 from eal_actors.wire.rpc.sender import Send, Sender
-from eal_actors.wire.security.expiry import certificate_warnings
-from eal_actors.wire.security.key_watch import WATCH_PERIOD_S, KeyWatch
 from eal_actors.wire.session import controller_config, open_session
 from eal_actors.wire.transport import Transport
 

@@ -25,6 +25,7 @@ from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import BusyError, DataError, EALError, ProtocolError, UnsupportedError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.kernel.throttled_log import ThrottledLog
+from eal_actors.managers.keys.revocation import revoke, revoked_names
 from eal_actors.managers.network_model import NetworkConfig
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.batches import BEGINS_BATCH, decode_batch
@@ -34,7 +35,6 @@ from eal_actors.wire.local_link import LocalLink, LocalListener
 from eal_actors.wire.rpc.server.outbox import Outbox, ReplyBatch
 from eal_actors.wire.rpc.server.request_handler import HostServices, RequestQueue, require_handshake
 from eal_actors.wire.rpc.server.robot_server import RobotServer
-from eal_actors.wire.security.revocation import revoke, revoked_names
 from eal_actors.wire.session import links_of
 from eal_actors.wire.transport import Transport
 

@@ -18,6 +18,7 @@ from eal_actors.actors.robot_view import RobotState, release
 from eal_actors.device.info import ResourceInfo
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import BusyError, DataError, EALError, ProtocolError, UnavailableError, error_text
+from eal_actors.managers.keys.expiry import certificate_warnings
 from eal_actors.managers.network_model import NetworkConfig
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import Answer, CallHeader, CallId, RobotEvent
@@ -29,7 +30,6 @@ from eal_actors.wire.rpc.server.running_commands import RunningCommands
 from eal_actors.wire.rpc.server.server_tokens import ServerTokens
 from eal_actors.wire.security.accept_guard import descriptor_warnings
 from eal_actors.wire.security.access import encode_rights
-from eal_actors.wire.security.expiry import certificate_warnings
 from eal_actors.wire.shared_memory import ControllerMemories
 from eal_actors.wire.streams.publisher import StreamPublisher
 

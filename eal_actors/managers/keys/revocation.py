@@ -15,8 +15,8 @@ from typing import Final
 
 from eal_actors.kernel.errors import ConfigError, Problem, file_error, writing
 from eal_actors.kernel.strict_model import NAME_PATTERN
+from eal_actors.managers.keys.certificates import write_file
 from eal_actors.managers.network_model import SecurityConfig
-from eal_actors.wire.security.certificates import write_file
 
 REVOKED: Final = "revoked.txt"
 """Name of the list's file."""

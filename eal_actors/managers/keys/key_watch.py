@@ -13,8 +13,8 @@ from typing import Final
 from typing_extensions import override
 
 from eal_actors.kernel.errors import ConfigError
-from eal_actors.wire.security.certificates import check_keys, files_of
-from eal_actors.wire.security.revocation import REVOKED
+from eal_actors.managers.keys.certificates import check_keys, files_of
+from eal_actors.managers.keys.revocation import REVOKED
 
 WATCH_PERIOD_S: Final = 0.5
 """Real seconds between two looks at the files."""

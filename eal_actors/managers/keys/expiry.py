@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Final
 
 from eal_actors.kernel.clock import wall_time
+from eal_actors.managers.keys.certificates import AUTHORITY, certificate_file
 from eal_actors.managers.network_model import SecurityConfig
-from eal_actors.wire.security.certificates import AUTHORITY, certificate_file
 
 _SOON: Final = timedelta(days=30)
 _SOON_OF_LIFETIME: Final = 5

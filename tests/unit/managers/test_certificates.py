@@ -10,9 +10,9 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from eal_actors.kernel.clock import wall_time
 from eal_actors.kernel.errors import ConfigError
+from eal_actors.managers.keys import expiry
+from eal_actors.managers.keys.certificates import check_keys, list_certificates, make_authority, make_certificate
 from eal_actors.managers.network_model import SecurityConfig
-from eal_actors.wire.security import expiry
-from eal_actors.wire.security.certificates import check_keys, list_certificates, make_authority, make_certificate
 
 
 def read(file: Path) -> x509.Certificate:
