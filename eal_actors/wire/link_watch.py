@@ -28,7 +28,7 @@ import struct
 import threading
 from collections.abc import Callable, Container, Iterable, Iterator
 from contextlib import contextmanager
-from typing import Final, NamedTuple
+from typing import Final
 
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.log import get_logger
@@ -36,8 +36,7 @@ from eal_actors.kernel.memory import MemoryRoom
 from eal_actors.kernel.posix import fcntl, termios
 from eal_actors.managers.network_model import parse_endpoint
 from eal_actors.wire.engine_exit import start_thread
-from eal_actors.wire.own_sockets import is_listening, sockets_to, tcp_sockets
-from eal_actors.wire.security.packet_filter import plain_address
+from eal_actors.wire.own_sockets import Link, connections, link_of, sockets_to
 
 LOOK_S: Final = 1.0
 """Least real seconds between two looks. Looks are counted, since this process may have been frozen between two."""
@@ -56,14 +55,6 @@ STUCK_LOOKS: Final = 90
 """Looks in a row that find a connection without a handshake before the engine counts as out of order."""
 _BYTES_RECEIVED: Final = 128
 """Offset of `tcpi_bytes_received` in `struct tcp_info`. Source: linux/tcp.h."""
-
-
-class Link(NamedTuple):
-    """The ends of a TCP connection of this process."""
-
-    port: int
-    peer: str
-    peer_port: int
 
 
 @contextmanager
@@ -121,10 +112,10 @@ class LinkWatch:
         """Look once."""
         links = self._links()
         unread, pending, is_stuck = {}, {}, False
-        for link, end in _connections():
+        for link, end in connections():
             if link in links:
                 unread[link] = self._judge(link, end)
-            elif link.port in self._ports:
+            elif link.peer and link.port in self._ports:
                 pending[link] = looks = self._pending.get(link, 0) + 1
                 if looks > STUCK_LOOKS:
                     end.shutdown(socket.SHUT_RDWR)  # the closed session may keep it
@@ -136,12 +127,12 @@ class LinkWatch:
     def relieve(self) -> None:
         """End the links that have sent much since the last look, or the one that has sent the most in all."""
         links = self._links()
-        sent = {link: _received(end) for link, end in _connections() if link in links}
+        sent = {link: _received(end) for link, end in connections() if link in links}
         much = {link for link, total in sent.items() if total - self._unread.get(link, (0, 0))[0] > _MUCH_BYTES}
         if not much and sent:
             worst = max(sent, key=sent.__getitem__)
             much = {worst} if sent[worst] > _MUCH_BYTES else set()
-        for link, end in _connections():
+        for link, end in connections():
             if link in much:
                 get_logger().warning(
                     "memory is short: a link that has sent much is ended, and the other end connects again",
@@ -168,20 +159,6 @@ class LinkWatch:
         return read, looks
 
 
-def _connections() -> Iterator[tuple[Link, socket.socket]]:
-    """Yield the TCP connections of this process, with their sockets; these are closed afterwards."""
-    for end in tcp_sockets():
-        with end, contextlib.suppress(OSError):  # it is not connected any more
-            if not is_listening(end):
-                yield _link(end), end
-
-
-def _link(end: socket.socket) -> Link:
-    """Return the ends of a connection; OSError if it is not connected."""
-    peer = end.getpeername()
-    return Link(end.getsockname()[1], plain_address(peer[0]), peer[1])
-
-
 def _received(end: socket.socket) -> int:
     info = end.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 256)
     received: int = struct.unpack_from("=Q", info, _BYTES_RECEIVED)[0]
@@ -195,9 +172,5 @@ def hang_up(endpoints: Iterable[str], links: Container[Link] = ()) -> None:
     """
     for end in sockets_to({parse_endpoint(endpoint).port for endpoint in endpoints}):
         with end, contextlib.suppress(OSError):  # it has ended
-            try:
-                is_link = _link(end) in links
-            except OSError:  # nobody has answered yet
-                is_link = False
-            if not is_link:
+            if link_of(end) not in links:
                 end.shutdown(socket.SHUT_RDWR)

@@ -12,13 +12,41 @@ import socket
 import stat
 from collections.abc import Container, Iterator
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
+
+from eal_actors.wire.security.packet_filter import plain_address
 
 OPEN_FILES: Final = Path("/proc/self/fd")
 """The descriptors of this process; other systems have no such folder, and show no sockets."""
 _NAME_SERVER_PORT: Final = 53
 _CLOSED_PORT: Final = 1
 _TABLES: Final = Path("/proc/self/net/tcp"), Path("/proc/self/net/tcp6")
+
+
+class Link(NamedTuple):
+    """The ends of a TCP connection of this process; the peer is empty while nobody has answered, and after the end."""
+
+    port: int
+    peer: str
+    peer_port: int
+
+
+def link_of(end: socket.socket) -> Link:
+    """Return the ends of a connection."""
+    port = end.getsockname()[1]
+    try:
+        peer = end.getpeername()
+    except OSError:  # it is not connected
+        return Link(port, "", 0)
+    return Link(port, plain_address(peer[0]), peer[1])
+
+
+def connections() -> Iterator[tuple[Link, socket.socket]]:
+    """Yield the TCP connections of this process, with their sockets; these are closed afterwards."""
+    for end in tcp_sockets():
+        with end:
+            if not is_listening(end):
+                yield link_of(end), end
 
 
 def tcp_sockets() -> Iterator[socket.socket]:

@@ -32,8 +32,9 @@ from eal_actors.managers.network_model import BEHIND_ROUTER, DEFAULT_NETWORK, Ne
 from eal_actors.wire.engine_exit import IS_A_FORK, close_at_exit, start_thread
 from eal_actors.wire.engine_setup import share_threads
 from eal_actors.wire.format.packing import MAX_ENVELOPE_BYTES, MAX_PAYLOAD_BYTES
-from eal_actors.wire.link_watch import Link, hang_up, watching
+from eal_actors.wire.link_watch import hang_up, watching
 from eal_actors.wire.listening import in_use
+from eal_actors.wire.own_sockets import Link
 from eal_actors.wire.security.accept_guard import ROBOT_STRANGERS, ROUTER_STRANGERS, guarding, raise_file_limit
 from eal_actors.wire.security.access import controller_access, robot_access, router_access, tls_config
 from eal_actors.wire.security.packet_filter import plain_address

@@ -16,8 +16,8 @@ from eal_actors import Fleet
 from eal_actors.actors.robot_view import RobotState
 from eal_actors.facade.service import RobotService
 from eal_actors.wire import link_watch, session
-from eal_actors.wire.link_watch import DEAF_LOOKS, Link, LinkWatch
-from eal_actors.wire.own_sockets import sockets_to
+from eal_actors.wire.link_watch import DEAF_LOOKS, LinkWatch
+from eal_actors.wire.own_sockets import Link, sockets_to
 from eal_actors.wire.session import open_session
 from tests.net.links import eventually
 from tests.net.rig import WAIT_S, Process, Rig, ready, served

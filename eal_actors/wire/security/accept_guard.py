@@ -34,14 +34,8 @@ from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.log import get_logger
 from eal_actors.kernel.posix import HAS_LIMITS, resource
 from eal_actors.wire.engine_exit import start_thread
-from eal_actors.wire.own_sockets import OPEN_FILES, is_listening, tcp_sockets
-from eal_actors.wire.security.packet_filter import (
-    MAX_ADDRESSES,
-    PacketRule,
-    filter_packets,
-    pass_packets,
-    plain_address,
-)
+from eal_actors.wire.own_sockets import OPEN_FILES, connections, is_listening, tcp_sockets
+from eal_actors.wire.security.packet_filter import MAX_ADDRESSES, PacketRule, filter_packets, pass_packets
 
 MAX_FILES: Final = 65_536
 """Open files that a listening process asks for, if its hard limit allows them."""
@@ -108,22 +102,15 @@ def guarding(ports: Iterable[int], most: int, linked: Callable[[], list[str]]) -
     if not listeners:
         yield
         return
-    guard = AcceptGuard(listeners, raise_file_limit(), most, lambda: Counter(_peers(served)), linked)
+
+    def connected() -> Counter[str]:
+        return Counter(link.peer for link, _ in connections() if link.port in served)
+
+    guard = AcceptGuard(listeners, raise_file_limit(), most, connected, linked)
     try:
         yield
     finally:
         guard.close()
-
-
-def _peers(ports: frozenset[int]) -> Iterator[str]:
-    """Yield the IP address of the other end of each connection, an empty text where it has gone already."""
-    for end in tcp_sockets():
-        with end:
-            if end.getsockname()[1] in ports and not is_listening(end):
-                try:
-                    yield plain_address(end.getpeername()[0])
-                except OSError:
-                    yield ""
 
 
 def _count_files() -> int:
