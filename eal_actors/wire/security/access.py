@@ -3,8 +3,6 @@
 Each end of a link proves its identity by a certificate, and each end checks the messages of the other. A robot and a
 router restrict controllers and observers; a controller and a router allow a robot only its own keys. Messages from a
 router were checked there and are trusted. zenoh drops messages that no rule allows, so a forbidden call gets no reply.
-The keys of calls and heartbeats name their sender and the key of a reply its receiver: nobody calls in another one's
-name, keeps its dead-man's switch from halting, or reads its replies.
 
 A robot also sends its grants in the handshake (`encode_rights`), so that a controller fails forbidden calls at once
 (`Rights`). The robot's own access control remains authoritative.

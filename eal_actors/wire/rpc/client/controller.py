@@ -1,9 +1,8 @@
 """Controller: a fleet's network in this process: one session, the robots' liveliness tokens, and the heartbeat.
 
 The heartbeat must not depend on the program: robots halt when it stays away. So this thread sends it four times within
-the dead-man's time, and sends no calls and runs no callbacks of the program. `put` returns False for a robot without
-a token of our protocol version, also if that disappears while it sends: no reply would end the call.
-While the session is opened again, all robots count as lost.
+the dead-man's time, and sends no calls and runs no callbacks of the program. While the session is opened again, all
+robots count as lost.
 """
 
 from __future__ import annotations

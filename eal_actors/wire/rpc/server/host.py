@@ -48,8 +48,7 @@ class RobotHost(EALActor):
     """Receives the calls and heartbeats of a session's robots, runs their timers and owns their outbox.
 
     It subscribes to the calls of all robots of the fleet, unless `robot` is the only one. The network's dead-man's time
-    determines the period of the timer. The session is open and outlives the host. Thread: an actor, which never waits
-    for a link, so that a dead-man's switch halts in time.
+    determines the period of the timer. The session is open and outlives the host. Thread: an actor.
     """
 
     def __init__(self, fleet: str, session: zenoh.Session, network: NetworkConfig, robot: str | None = None) -> None:

@@ -1,9 +1,7 @@
 """RobotServer: offers the resources of a robot of this process to the controllers of a network.
 
 The reader's thread only decodes, checks and queues calls in the resources' mailboxes, and reads values that take no
-time (`Resource.glance`) while nothing waits there. Replies are sent by the session's
-outbox, so that a controller that does not read cannot block an actuator; replies to readings are sent by the
-resource's own thread if no other thread is sending.
+time (`Resource.glance`) while nothing waits there. The session's outbox sends the replies.
 """
 
 from __future__ import annotations
