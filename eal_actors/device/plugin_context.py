@@ -85,7 +85,7 @@ class FactoryPlugin(EALPlugin):
         self.left_out = left_out
 
 
-PortMaker: TypeAlias = "Callable[[PluginContext, str, str, Callable[[Any], Any]], BytePort]"
+PortMaker: TypeAlias = "Callable[[PluginContext, str, str | None, Callable[[Any], Any]], BytePort]"
 """Opens a simulated port: the `open_port` of a plugin such as sim; see PluginContext.simulated_port."""
 
 CameraMaker: TypeAlias = "Callable[[PluginContext, str], Any]"
@@ -164,12 +164,12 @@ class PluginContext:
         """The pose estimate of the robot whose wheels this plugin drives; closed-loop motion reads it."""
         return self.services.localizer(self.robot, self.instance)
 
-    def simulated_port(self, url: str, model: str, emulate: Callable[[Any], Any]) -> BytePort:
+    def simulated_port(self, url: str, model: str | None, emulate: Callable[[Any], Any]) -> BytePort:
         """Open a port to an emulator whose body is a robot of a simulated world.
 
         Args:
             url: `<plugin>://...`, where the plugin is the one that simulates, such as `sim://world/roomba-1`.
-            model: the required model of the robot, as that plugin names it.
+            model: the required model of the robot, as that plugin names it; None, for sensors, for any model.
             emulate: makes the driver's emulator for a body: an object with `feed(data, now_s) -> bytes`.
 
         Raises PluginError if there is no such plugin or robot, or it opens no ports.

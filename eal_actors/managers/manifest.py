@@ -22,6 +22,7 @@ from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.errors import ConfigError, EALError, PluginError
 from eal_actors.kernel.strict_model import NAMES_ONLY, Name, StrictModel, Version1, model_of
 from eal_actors.kernel.yaml_source import load_yaml
+from eal_actors.kernel.yaml_tree import texts_in
 
 ENTRY_POINTS: Final = "eal_actors.plugins"
 """The entry-point group of installed packages: a name, and the package whose folder contains the plugin."""
@@ -38,9 +39,9 @@ class TwinSection(StrictModel):
     """The simulated robot that replaces the driver's robot in `eal rehearse`, `eal sweep` and scenario tests."""
 
     plugin: Name
-    """The plugin that simulates the robot; it must declare `simulation`."""
+    """The plugin that simulates the robot, which must declare `simulation`; or, of a sensor, the plugin itself."""
     settings: dict[str, Any] = Field(default={})
-    """The settings of that plugin, such as `model`."""
+    """The settings of that plugin, such as `model`; of a sensor, one is a port in the simulated world, `sim://world`."""
 
 
 class FaultSection(StrictModel):
@@ -215,13 +216,28 @@ class PluginManifest:
         if (twin := self.file.twin) is not None:
             if (other := self.others.get(twin.plugin)) is None:
                 found.append(f"twin: {unknown_name('plugin', twin.plugin, self.others)}")
-            elif other.file.simulation is None:
+            elif other.file.simulation is None and not names_world(twin.settings, self.others):
                 found.append(
-                    f"twin: the plugin {twin.plugin!r} declares no simulation; if it is one, give it `simulation: {{}}`"
+                    f"twin: the plugin {twin.plugin!r} declares no simulation; if it is one, give it "
+                    "`simulation: {}`; the twin of a sensor has a port such as sim://world among its settings"
                 )
         if self.file.emulator is None and (self.folder / "conformance.py").is_file():
             found.append("conformance.py is not read; declare `emulator` in plugin.yaml")
         return found
+
+
+def world_urls(manifests: Mapping[str, PluginManifest]) -> dict[str, str]:
+    """Return, by the plugin that simulates it, the URL of a simulated world, under which its ports are."""
+    return {
+        name: f"{simulation.scheme or name}://world"
+        for name, manifest in manifests.items()
+        if (simulation := manifest.file.simulation) is not None
+    }
+
+
+def names_world(settings: object, manifests: Mapping[str, PluginManifest]) -> bool:
+    """Return whether a text in settings is a port or a camera of a simulated world."""
+    return any(text.startswith(tuple(world_urls(manifests).values())) for text in texts_in(settings))
 
 
 def _is_installed(module: str) -> bool:

@@ -232,7 +232,7 @@ class EALPluginManager:
         context = replace(context, plugin=plugin)
         offers += [(settings.instance, name, _resource_of(module, name, context)) for name in plugin.list_resources()]
 
-    def open_port(self, context: PluginContext, url: str, model: str, emulate: Callable[[Any], Any]) -> BytePort:
+    def open_port(self, context: PluginContext, url: str, model: str | None, emulate: Callable[[Any], Any]) -> BytePort:
         """Open a simulated port of the plugin that the URL's scheme names; see PluginContext.simulated_port.
 
         Raises PluginError if there is no such plugin, it makes no ports, or it refuses.

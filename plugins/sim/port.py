@@ -175,27 +175,34 @@ class SimulatedPort:
             raise OSError("the port is closed")
 
 
-def open_port(context: PluginContext, url: str, model: str, emulate: Callable[[Any], Any]) -> SimulatedPort:
-    """Return the port of a URL `sim://world/<robot>`; the robot joins the world if it is new.
+def open_port(context: PluginContext, url: str, model: str | None, emulate: Callable[[Any], Any]) -> SimulatedPort:
+    """Return the port of a URL `sim://world/<robot>`; a robot of a known make joins the world if it is new.
 
     Args:
         context: of the driver.
         url: names the robot in the world; without a path it is the driver's own.
-        model: the robot's make.
+        model: the robot's make; None for a robot of any make that is in the world.
         emulate: creates the emulator of a vehicle; see `SimulatedPort`.
 
     Raises:
-        PluginError: the URL is invalid, or the robot is of another make.
+        PluginError: the URL is invalid, or the robot is of another make or not there.
     """
     parts = urlsplit(url)
     name = parts.path.strip("/") or context.robot
     if parts.netloc != "world" or "/" in name or parts.query or parts.fragment:
         raise PluginError(f"port {url!r}: a simulated port has the form sim://world/<robot>")
+    world = world_of(context.services)
+    robot = world.robot_of(name)
+    if model is None:
+        if robot is None:
+            raise PluginError(
+                f"port {url!r}: no robot {name!r} is in the simulated world yet; its plugin `sim` must come first"
+            )
+        return SimulatedPort(world, robot, emulate)
     make = next((make for make in MAKES.values() if make.name == model), None)
     if make is None:
         raise PluginError(f"port {url!r}: the simulation has no make {model!r}; use {', '.join(MAKES)}")
-    world = world_of(context.services)
-    robot = world.robot_of(name) or world.join(name, make, noise=True, start=None)
+    robot = robot or world.join(name, make, noise=True, start=None)
     if robot.make.name != model:
         raise PluginError(f"port {url!r}: robot {name!r} of the simulated world is a {robot.make.name}, not a {model}")
     return SimulatedPort(world, robot, emulate)
