@@ -121,15 +121,13 @@ def _worst(name: str, margin_m: float, done: Sequence[Rehearsal]) -> tuple[str |
 def _incident_line(scenario: Scenario, seed: int, incident: Incident) -> Text:
     approach, nearest = incident.approach, incident.approach.nearest
     near = (f"comes within {_metres(nearest.gap_m)} of ", STYLES["dropped"])
-    during = "; ".join(
-        f"{step.robot} {step.label} ({scenario.position_of(step.step).file}:{scenario.position_of(step.step).line})"
-        for step in incident.steps
-    )
+    steps = ((step, scenario.position_of(step.step)) for step in incident.steps)
+    during = "; ".join(f"{step.robot or step.role} {step.label} ({at.file}:{at.line})" for step, at in steps)
     return Text.assemble(
         f"{nearest.time_s:8.2f} s  seed {seed}  {approach.robot} ",
         ("hits ", "bold red") if approach.is_hit else near,
         f"{nearest.other} at {_place(nearest.place_m)}",
-        f" during {during}" if during else " before any of their steps",
+        f" during {during}" if during else " during none of their steps",
     )
 
 

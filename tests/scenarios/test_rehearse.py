@@ -368,3 +368,19 @@ def test_the_command_refuses_what_it_cannot_rehearse(
     assert result.exit_code == 2
     assert f"{file}:5:" in result.stderr
     assert eal(scenario, "--fleet", file, "--seeds", 2, "--seed", 1).exit_code == 2
+
+
+FORMATION = """
+version: 1
+name: trial
+roles: {pair: {}}
+steps:
+  - formation: {role: pair, shape: line, spacing_m: 3, at: [1.5, 0, 0]}
+"""
+
+
+def test_an_approach_in_a_formation_names_its_step(fleet: Callable[..., Path]) -> None:
+    config = of(fleet({"a": roomba(0, 0.8), "b": roomba(0, -0.8)}))
+    rehearsal = rehearse(parse_scenario(FORMATION, "trial.yaml"), simulated(config, ["a", "b"]), 0.4, 0)
+    assert {nearest for nearest, *_ in told(rehearsal)} == {"a", "b"}  # of the walls
+    assert {step.label for incident in rehearsal.incidents for step in incident.steps} == {"formation pair line"}

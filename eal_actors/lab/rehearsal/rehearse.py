@@ -96,13 +96,10 @@ def rehearse(
 def _incident(event: ProximityEvent, start_s: float, names: Mapping[str, str], steps: Sequence[StepRecord]) -> Incident:
     robot, nearest = names.get(event.robot, event.robot), _since(event.nearest, start_s, names)
     since_start = ProximityEvent(robot, nearest, max(0.0, event.start_s - start_s), max(0.0, event.end_s - start_s))
-    running = [
-        step
-        for name in (robot, nearest.other)
-        for step in steps
-        if step.robot == name and _is_cause(step, nearest.time_s)
-    ]
-    return Incident(since_start, tuple(running))
+    causes = [step for step in steps if _is_cause(step, nearest.time_s)]
+    own = [step for name in (robot, nearest.other) for step in causes if step.robot == name]
+    of_a_role = [step for step in causes if step.robot is None and step.role is not None]  # a formation
+    return Incident(since_start, tuple(own or of_a_role))
 
 
 def _is_cause(step: StepRecord, time_s: float) -> bool:
