@@ -44,6 +44,7 @@ RunArgument = Annotated[Path, typer.Argument(metavar="RUN", help="The run's fold
 _REPORT: Final = "report.html"
 _REPLAY: Final = "replay.yaml"
 _MOST_SHOWN: Final = 20
+_TRIPS: Final = ("go_to", "visit", "formation")  # a `go_to` to coordinates is a command
 
 
 def report_run(
@@ -161,10 +162,14 @@ def replay_run(
         recorded = RecordedRun.open(run / RECORD_FILE)
         fleet = _replay_fleet(recorded, run, rate=chosen, loop=loop, port=port if serve else None)
         file = out or run / _REPLAY
+        planned = _planned_trips(run)
         following = shlex.join(_next_command(run, file))
     _write_text(file, yaml.safe_dump(fleet, sort_keys=False, allow_unicode=True))
     print_line(stdout(), f"{file}: {counted(len(recorded.infos), 'robot')}, {recorded.duration_s:.1f} s")
-    print_line(stdout(), f"next: {following}", "dim")
+    if planned:
+        print_line(stdout(), f"the scenario cannot run on it: the paths of its {planned} are not in a record", "yellow")
+    else:
+        print_line(stdout(), f"next: {following}", "dim")
     if serve:
         robots = list(recorded.infos)
         serve_replay(read_fleet(file, robots), robots, recorded.duration_s, loops=loop)
@@ -210,6 +215,13 @@ def _next_command(run: Path, fleet: Path) -> list[str]:
     given = report.parameters.items() if report is not None else ()
     texts = [f"{name}={value if isinstance(value, str) else json.dumps(value)}" for name, value in given]
     return ["eal", "run", str(scenario), "--fleet", str(fleet), *(word for text in texts for word in ("--set", text))]
+
+
+def _planned_trips(run: Path) -> str:
+    """Return the kinds of steps of a run that planned the paths of robots, which need a world to be planned again."""
+    report = RunFolder.open(run).summary
+    steps = report.steps if report is not None else ()
+    return ", ".join(dict.fromkeys(step.kind for step in steps if step.kind in _TRIPS and step.command is None))
 
 
 @contextmanager

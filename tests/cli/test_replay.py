@@ -42,6 +42,17 @@ def test_the_command_that_it_names_runs_the_scenario_again_on_the_record(eal: An
     assert "send_cmd Base f0.1  done after" in again.stdout
 
 
+def test_a_run_with_planned_paths_names_no_command_that_would_be_refused(eal: Any, write: Any, tmp_path: Path) -> None:
+    text = scenario_of("visit: [[1.5, 0.2]]", role="mover").replace("mover: {}", "mover: {robots: [roomba-1]}")
+    scenario = write("short.yaml", text)
+    fleet = ("--fleet", bundled_path("fleets/sim.yaml"), "--rate", "max")
+    assert eal("run", scenario, *fleet, "--runs-dir", tmp_path / "runs", "--no-plot").exit_code == 0
+    (run,) = (tmp_path / "runs").iterdir()
+    told = eal("replay", run).stdout
+    assert "the paths of its visit are not in a record" in " ".join(told.split())
+    assert "next" not in told
+
+
 def test_the_rate_can_be_chosen(eal: Any, write: Any, tmp_path: Path) -> None:
     scenario = write("short.yaml", scenario_of("log: x", role="all"))
     fleet = ("--fleet", bundled_path("fleets/sim.yaml"), "--rate", "3")
