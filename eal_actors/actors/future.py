@@ -15,7 +15,7 @@ import threading
 from collections.abc import Callable, Generator
 from functools import partial
 from types import TracebackType
-from typing import Any, NoReturn, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, NoReturn, Protocol, TypeAlias, TypeVar
 
 import pykka
 from typing_extensions import override
@@ -75,7 +75,8 @@ class Future(pykka.Future[T]):
     _get_hook: Callable[[float | None], T] | None = None  # Pykka sets it in __init__; ours waits until set_get_hook
 
     def __repr__(self) -> str:
-        state = "cancelled" if self.cancelled() else "done" if self._done else "pending"
+        ended = "cancelled" if self.cancelled() else "failed" if self._error is not None else "done"
+        state = ended if self._done else "pending"
         return f"<{type(self).__name__} {self.describe()}: {state}>"
 
     def describe(self) -> str:
@@ -323,6 +324,12 @@ class Future(pykka.Future[T]):
         raise TypeError("a future is neither true nor false; its result, which `get` returns, may be")
 
     __hash__ = object.__hash__
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> NoReturn:
+            message = f"a future has no {name!r}; its result, which `get` returns, may have"
+            raise AttributeError(message, name=name, obj=self)
 
     @override
     def map(self, func: Callable[[T], M]) -> Future[M]:

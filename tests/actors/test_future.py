@@ -40,12 +40,21 @@ def test_the_first_outcome_stands() -> None:
     assert future.cancel() is False
 
 
-def test_the_repr_tells_whether_it_is_pending_done_or_cancelled() -> None:
+def test_the_repr_tells_whether_it_is_pending_done_failed_or_cancelled() -> None:
     future: Future[int] = Future()
     assert repr(future) == "<Future future: pending>"
     future.cancel()
     assert repr(future) == "<Future future: cancelled>"
     assert repr(done(1)) == "<Future future: done>"
+    failure: Future[int] = Future()
+    failure.set_exception(UnavailableError("no"))
+    assert repr(failure) == "<Future future: failed>"
+
+
+def test_an_attribute_of_its_result_says_how_to_get_it() -> None:
+    with pytest.raises(AttributeError, match="a future has no 'value'; its result, which `get` returns, may have"):
+        _ = done(1).value  # type: ignore[attr-defined]
+    assert not hasattr(done(1), "value")
 
 
 def test_a_failure_is_raised_each_time_with_its_own_traceback() -> None:
