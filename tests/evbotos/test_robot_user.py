@@ -134,6 +134,34 @@ def test_a_folder_that_cannot_be_written_is_replaced_by_one_in_ram(
     assert (ram / "keys/revoked.txt").read_text() == "mallory\n"
 
 
+BOMB = """
+import os, sys
+import robot_user
+robot_user.bound_threads()
+if os.getuid() == 0:
+    os.setresuid(*[54321] * 3)
+reader, writer = os.pipe()
+children = 0
+try:
+    while children < 1000:
+        if not os.fork():
+            os.close(writer)
+            os.read(reader, 1)  # until this process ends
+            os._exit(0)
+        children += 1
+except BlockingIOError:
+    print(children, "children")
+"""
+
+
+def test_a_fork_bomb_of_the_robot_is_bounded() -> None:
+    """It took a machine with 128 MB down."""
+    command = [sys.executable, "-B", "-c", BOMB]
+    ended = subprocess.run(command, cwd=FOLDER, capture_output=True, text=True, timeout=60, check=False)
+    assert ended.stderr == ""
+    assert int(ended.stdout.removesuffix(" children\n")) < module_of("robot_user")._MOST_THREADS
+
+
 def test_log_and_console_name_the_fleet_file_that_the_user_knows(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -44,6 +44,11 @@ def test_robot_and_mdns_have_no_rights_of_root(proof: Proof, running: Machine, p
     assert state["NoNewPrivs"] == "1"
 
 
+def test_the_robot_s_threads_are_bounded(proof: Proof, running: Machine) -> None:
+    limits = answer(proof, running, "cat /proc/$(cat /run/evbotos/robot.pid)/limits").splitlines()
+    assert ["Max", "processes", "128", "128", "processes"] in [line.split() for line in limits]
+
+
 def test_the_robot_reads_its_own_files_and_neither_ssh_s_key_nor_the_boot_partition(
     proof: Proof, running: Machine
 ) -> None:
