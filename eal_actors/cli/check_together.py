@@ -53,7 +53,7 @@ def _check(scenario: Scenario, config: FleetConfig, pair: str) -> TogetherCheck:
     try:
         twins = simulated(config, bound)
     except ConfigError as error:
-        reasons = "; ".join(problem.message for problem in error.problems)
+        reasons = "; ".join(dict.fromkeys(problem.message for problem in error.problems))
         return TogetherCheck(tuple(unbound), (f"{pair}: the calls were not checked: {reasons}",))
     except PluginError as error:
         return TogetherCheck(tuple(unbound), (f"{pair}: the calls were not checked: {error.message}",))

@@ -14,7 +14,15 @@ from rich.table import Table
 from rich.text import Text
 
 from eal_actors.cli.exit_codes import ExitCode
-from eal_actors.cli.options import BindingsOption, JobsOption, JsonOption, KeepOption, ScenarioArgument, SettingsOption
+from eal_actors.cli.options import (
+    BindingsOption,
+    FleetOption,
+    JobsOption,
+    JsonOption,
+    KeepOption,
+    ScenarioArgument,
+    SettingsOption,
+)
 from eal_actors.cli.output import counted, new_table, print_line, stderr, stdout, write_json
 from eal_actors.cli.run_options import RunOptions, read_request
 from eal_actors.cli.work import work_progress
@@ -33,7 +41,7 @@ _PAGE: Final = "proof.html"
 
 def prove_scenario(
     scenario: ScenarioArgument,
-    fleet: Annotated[Path, typer.Argument(metavar="FLEET", help="Fleet file, or the name of a bundled one.")],
+    fleet: FleetOption,
     runs: Annotated[int, typer.Option(min=1, help="Largest number of runs; a fifth is for pairs of faults.")] = _RUNS,
     fault: Annotated[list[str] | None, typer.Option(metavar="NAME", help="Only this fault; repeatable.")] = None,
     within: Annotated[

@@ -60,7 +60,7 @@ def rehearse_scenario(
     for name, why in twins.replaced.items():
         print_line(console, f"{name}: {why}", "dim")
     for name, why in twins.left_out.items():
-        print_line(console, f"{name}: left out: {why}", "yellow")
+        print_line(console, f"{name}: left out: {why}; --keep PLUGIN uses one itself", "yellow")
     done = _rehearse_all(console, request, twins, margin, chosen)
     if as_json:
         write_json(_rehearsals_as_json(request, twins, margin, done))

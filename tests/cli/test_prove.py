@@ -19,14 +19,14 @@ BUG = next(bug for bug in PLANTED if bug.name == "a-fixed-pause-stands-for-the-w
 
 def test_a_fault_that_nobody_declares_is_refused(eal: Any, tmp_path: Path) -> None:
     scenario, fleet = BUG.write(tmp_path)
-    result = eal("prove", scenario, fleet, "--fault", "meteor", "--out", tmp_path / "out")
+    result = eal("prove", scenario, "--fleet", fleet, "--fault", "meteor", "--out", tmp_path / "out")
     assert result.exit_code == 2
     assert "there is no fault 'meteor'; use fails, hangs, slow, lost," in " ".join(result.output.split())
 
 
 def test_a_folder_that_is_no_proof_is_left_alone(eal: Any, tmp_path: Path) -> None:
     scenario, fleet = BUG.write(tmp_path)
-    result = eal("prove", scenario, fleet, "--out", tmp_path)
+    result = eal("prove", scenario, "--fleet", fleet, "--out", tmp_path)
     assert result.exit_code != 0
     assert "is not the folder of a proof" in " ".join(result.output.split())
     assert scenario.is_file()
@@ -36,7 +36,9 @@ def test_a_folder_that_is_no_proof_is_left_alone(eal: Any, tmp_path: Path) -> No
 def test_the_page_links_each_finding_to_its_replay(eal: Any, tmp_path: Path) -> None:
     scenario, fleet = BUG.write(tmp_path)
     out = tmp_path / "out"
-    result = eal("prove", scenario, fleet, "--fault", "stuck-wheel", "--fault", "lost", "--out", out, "--json")
+    result = eal(
+        "prove", scenario, "--fleet", fleet, "--fault", "stuck-wheel", "--fault", "lost", "--out", out, "--json"
+    )
     assert result.exit_code == 1, result.output
     found = json.loads(result.stdout)
     assert {finding["invariant"] for finding in found["findings"]} == {"contact"}
@@ -64,7 +66,7 @@ def test_every_run_repeats_to_the_bit_in_any_number_of_processes(eal: Any, tmp_p
     runs = []
     for jobs in (1, 2):
         out = tmp_path / f"out{jobs}"
-        result = eal("prove", "dance", "sim", "--runs", 40, "--jobs", jobs, "--out", out, "--json")
+        result = eal("prove", "dance", "--fleet", "sim", "--runs", 40, "--jobs", jobs, "--out", out, "--json")
         assert result.exit_code == 0, result.output
         runs.append(json.loads(result.stdout)["runs"])
     assert runs[0] == runs[1]

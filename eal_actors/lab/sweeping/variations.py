@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
@@ -11,7 +10,7 @@ from typing import Any
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.scenario import Scenario
-from eal_actors.scenario.language.parameters import parameter_problem, read_settings
+from eal_actors.scenario.language.parameters import parameter_problem, read_brackets, read_settings
 from eal_actors.scenario.language.sections import ParameterSection
 
 
@@ -113,10 +112,10 @@ def _parse_numbers(text: str) -> list[Decimal]:
 
 def _parse_lists(name: str, text: str) -> list[Any]:
     try:
-        values = json.loads(text)
+        values = read_brackets(text)
     except ValueError:
-        values = None
-    if not isinstance(values, list) or not all(isinstance(value, list) for value in values):
+        values = [None]
+    if not all(isinstance(value, list) for value in values):
         raise ValueError(f"'{name}' is a list, so it takes lists such as [[1, 2], [3]], not {text!r}")
     return [tuple(value) for value in values]
 

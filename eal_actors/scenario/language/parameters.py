@@ -13,6 +13,7 @@ from typing import Any, Final
 from eal_actors.device.data.texts import range_text
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.suggestions import did_you_mean
+from eal_actors.kernel.yaml_source import parse_yaml
 from eal_actors.kernel.yaml_tree import YamlTree, show
 from eal_actors.scenario.language.expressions.grammar import parse_template
 from eal_actors.scenario.language.scenario import Scenario, ScenarioFile
@@ -201,14 +202,28 @@ def _read(kind: str, text: str) -> Any:
 
 
 def _read_list(text: str) -> list[Any]:
-    """Read `[1, 2]` and `[[1, 2], [3, 4]]` as JSON, and `a,b` as two texts or numbers."""
+    """Read `[1, 2]` and `[[1, 2], [3, 4]]`, and `a,b` as two texts or numbers."""
     if text.startswith("["):
-        items = json.loads(text)
+        items = read_brackets(text)
         rows = [row if isinstance(row, list) else [row] for row in items]
         if not all(isinstance(item, str | int | float) for row in rows for item in row):
             raise ValueError
         return list(items)
     return [_read_item(item.strip()) for item in text.split(",")] if text else []
+
+
+def read_brackets(text: str) -> list[Any]:
+    """Read a list in JSON, or in YAML, where texts need no quotes; raise ValueError if it is neither."""
+    try:
+        items = json.loads(text)
+    except ValueError:
+        try:
+            items = parse_yaml(f"items: {text}", "list").root["items"]
+        except ConfigError as error:
+            raise ValueError(str(error)) from None
+    if not isinstance(items, list):
+        raise ValueError  # the text is wrong, not the type of an argument
+    return items
 
 
 def _read_item(text: str) -> Any:

@@ -126,6 +126,13 @@ def test_a_list_of_lists(tmp_path: Path) -> None:
     assert read_settings(file, ["waypoints=[[[1]]]"]) == {"waypoints": "[[[1]]]"}, "which is refused as text"
 
 
+def test_texts_of_a_list_need_no_quotes(tmp_path: Path) -> None:
+    load(tmp_path, WAYPOINTS)
+    file = load_scenario(tmp_path / "s.yaml").file
+    assert read_settings(file, ["waypoints=[dock, table 2]"]) == {"waypoints": ["dock", "table 2"]}
+    assert read_settings(file, ["waypoints=[dock, 'a"]) == {"waypoints": "[dock, 'a"}, "which is refused as text"
+
+
 def test_a_list_holds_numbers_that_are_numbers(tmp_path: Path) -> None:
     (problem,) = problems(tmp_path, WAYPOINTS, waypoints=[[float("nan"), 1]])
     assert (
