@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from eal_actors.lab.sweeping.results import SweepResult
+from eal_actors.lab.sweeping.sweep import format_value
 from eal_actors.recording.arena import draw_grid, new_figure
 from eal_actors.recording.picture import COLOURS, MARKERS
 from eal_actors.scenario import Scenario
@@ -114,7 +115,7 @@ def _draw_panel(axes: Axes, done: Sequence[SweepResult], first: str, values: Map
             low, high = list(map(min, groups)), list(map(max, groups))
             axes.fill_between(x, low, high, color=colour, alpha=0.2, linewidth=0)
     if not has_numbers:
-        axes.set_xticks(list(positions.values()), [str(value) for value in positions])
+        axes.set_xticks(list(positions.values()), [format_value(value) for value in positions])
 
 
 def _group_by_line(
@@ -125,6 +126,8 @@ def _group_by_line(
     for result in done:
         if result.job.name in values:
             others = ((name, value) for name, value in result.job.varied.items() if name != first)
-            label = ", ".join(f"{_words(name)} {value} {_unit(name) or ''}".rstrip() for name, value in others)
+            label = ", ".join(
+                f"{_words(name)} {format_value(value)} {_unit(name) or ''}".rstrip() for name, value in others
+            )
             lines.setdefault(label, {}).setdefault(result.job.varied[first], []).append(values[result.job.name])
     return lines

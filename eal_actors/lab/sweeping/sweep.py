@@ -35,7 +35,7 @@ class SweepJob:
     def label(self) -> str:
         """Its varied values and its seed, as text."""
         return " ".join(
-            [*(f"{name}={_format_value(value)}" for name, value in self.varied.items()), f"seed={self.seed}"]
+            [*(f"{name}={format_value(value)}" for name, value in self.varied.items()), f"seed={self.seed}"]
         )
 
 
@@ -86,12 +86,13 @@ def fleet_hash(fleet: FleetConfig, keep: Iterable[str]) -> str:
 def _run_name(parameters: Mapping[str, Any], seed: int) -> str:
     """Return a readable and unique name of a run."""
     digest = hashlib.sha256(json.dumps([sorted(parameters.items()), seed], default=str).encode()).hexdigest()[:8]
-    readable = ",".join(f"{name}={_format_value(value)}" for name, value in parameters.items())
+    readable = ",".join(f"{name}={format_value(value)}" for name, value in parameters.items())
     readable = re.sub(r"[^A-Za-z0-9=.,_+-]", "_", readable)[:_LONGEST_NAME]
     return "-".join(part for part in (readable, f"seed={seed}", digest) if part)
 
 
-def _format_value(value: object) -> str:
+def format_value(value: object) -> str:
+    """Return a parameter's value for people and names of folders."""
     if isinstance(value, tuple):
         return json.dumps(list(value))
     return f"{value:g}" if isinstance(value, float) else str(value)

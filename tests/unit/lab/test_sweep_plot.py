@@ -47,3 +47,15 @@ def test_panels_and_lines_are_named_for_people(tmp_path: Path, monkeypatch: pyte
     assert [axes.get_ylabel() for axes in panels] == ["duration [s]", "left", "gap [mm]"]
     legend = [text.get_text() for text in figures[0].legends[0].get_texts()]
     assert legend == ["speed 0.1 m/s", "speed 0.3 m/s"]
+
+
+def test_lists_are_shown_as_they_are_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    figures = keep_figures(monkeypatch, plot)
+    file = tmp_path / "drive.yaml"
+    file.write_text(SCENARIO.replace("way_m: {type: double, default: 1.0, unit: m}", "beds: {type: list, default: []}"))
+    results = [
+        SweepResult(SweepJob(f"{number}", {"beds": beds}, {}, 0), "done", 1.0, variables={})
+        for number, beds in enumerate([("south",), ("south", "east")])
+    ]
+    plot.draw_sweep(results, load_scenario(file), tmp_path / "sweep.png")
+    assert [label.get_text() for label in figures[0].axes[0].get_xticklabels()] == ['["south"]', '["south", "east"]']
