@@ -30,6 +30,7 @@ from eal_actors.wire.rpc.server.outbox import Outbox
 from eal_actors.wire.rpc.server.server_tokens import ServerTokens
 from eal_actors.wire.session import open_session, robot_config, router_config
 from eal_actors.wire.transport import Transport
+from tests.log_lines import log_lines
 from tests.net.links import eventually, free_port
 from tests.net.rig import WAIT_S, Rig, becomes, failure, ready, servers
 from tests.plugin_files import write_plugin
@@ -227,3 +228,18 @@ class TestBehindARouter:
                 assert eventually(
                     lambda: "serves the robot too" in str(fleet["r1"].ping().get(timeout=WAIT_S).warnings)
                 )
+
+    def test_while_two_processes_serve_a_robot_each_command_has_the_answer_of_the_one_that_executes_it(
+        self, rig: Rig
+    ) -> None:
+        """The other one refused it as stale, and often answered first."""
+        with servers(rig) as running:
+            running["r1"].freeze()
+            with log_lines("error") as lines, rig.served_here() as fleet:
+                running["r1"].thaw()
+                running["r1"].wait_for("another process serves the robot too")
+                assert eventually(lambda: "another process serves the robot too" in lines.getvalue())
+                steps = [str(number) for number in range(20)]
+                outcomes = [fleet["r1"]["Arm"].send_cmd(f"step{step}").get(timeout=WAIT_S) for step in steps]
+                assert outcomes == list(range(20))
+                assert rig.steps() == steps
