@@ -15,8 +15,8 @@ from eal_actors.managers.network_model import parse_endpoint
 def require_free(endpoints: Sequence[str]) -> None:
     """Raise UnavailableError if another program listens at one of some endpoints.
 
-    The session notices it too, but is opened last: a device that does not answer keeps its robot for seconds. Names of
-    hosts and UDP are left to the session.
+    The session notices it too, but is opened when the robot has started, which takes seconds. Names of hosts and UDP
+    are left to the session.
     """
     for text in endpoints:
         endpoint = parse_endpoint(text)

@@ -103,7 +103,7 @@ def test_a_robot_that_fits_no_handshake_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("together", [False, True])
 def test_a_port_that_another_program_holds_is_reported_before_the_robot_starts(tmp_path: Path, together: bool) -> None:
-    """A robot whose device did not answer kept `eal serve` for 13 s."""
+    """It started the robot first, which took 13 s on a busy machine."""
     code = "from eal_actors.plugin import EALPlugin, Resource\nclass Lamp(Resource): pass\ndef connect():\n    1 / 0\n"
     write_plugin(tmp_path, "lamp", code, "Lamp")
     rig = Rig(tmp_path)
