@@ -13,6 +13,7 @@ from typing_extensions import override
 from eal_actors.actors.feeds import Feed, Sink, StreamSpec
 from eal_actors.actors.future import CallSoon, Future
 from eal_actors.actors.inbox import Envelope, Inbox
+from eal_actors.actors.stop_latch import StopLatch
 from eal_actors.device.info import ResourceInfo
 from eal_actors.device.link import FaultyLink
 from eal_actors.device.resource import Progress, Resource
@@ -24,7 +25,6 @@ from eal_actors.kernel.errors import (
     DeadlineError,
     EALError,
     PreemptedError,
-    StoppedError,
     UnavailableError,
 )
 from eal_actors.kernel.log import get_logger
@@ -211,45 +211,6 @@ class CallServer(Protocol):
         """Stop the activity of a call that nobody waits for. Thread: any; does not block."""
 
 
-def holds_robot(reason: str) -> str:
-    """Return the clause that ends the error of a command that an emergency stop ended."""
-    return f"an emergency stop holds the robot: {reason}"
-
-
-class StopLatch:
-    """The emergency stop of a robot: latched at once, and confirmed when the robot has halted. Thread: any."""
-
-    __slots__ = ("is_confirmed", "reason")
-
-    def __init__(self) -> None:
-        self.reason: str | None = None
-        self.is_confirmed = False
-
-    def set(self, reason: str) -> None:
-        """Latch the stop; the first reason counts."""
-        self.reason = self.reason or reason or "no reason given"
-
-    def confirm(self) -> None:
-        """Record that the robot has halted, if the stop is still latched."""
-        self.is_confirmed = self.reason is not None
-
-    def clear(self) -> None:
-        """Release the stop."""
-        self.reason = None
-        self.is_confirmed = False
-
-    def explain(self, end: str) -> str:
-        """Return the message for a command that has ended; it contains the reason of the stop while one is latched."""
-        return end if (reason := self.reason) is None else f"{end}: {holds_robot(reason)}"
-
-    def refuses(self, call: Call[Any]) -> bool:
-        """Fail a call that could move something while the stop is latched; return whether it did."""
-        if self.reason is None or call.method not in MOTION_METHODS or call.stops:
-            return False
-        call.fail(StoppedError(f"an emergency stop holds the robot until it is resumed: {self.reason}"))
-        return True
-
-
 class ResourceCell:
     """The named slot of a resource on its robot. Handles keep the slot; a restart changes the actor in it.
 
@@ -326,7 +287,7 @@ class ResourceCell:
             if (serve_now := self.serve_now) and self.clock.spares_turn(among_many=among_many) and serve_now(call):
                 return
         actor = self.actor
-        if self.latch.reason is not None and self.latch.refuses(call):
+        if self.latch.reason is not None and self.refuses(call):
             return
         if actor is None:
             call.fail(self.unavailable())
@@ -335,6 +296,17 @@ class ResourceCell:
             actor.put(call)
         except EALError as error:
             call.fail(error)
+
+    def refuses(self, call: Call[Any]) -> bool:
+        """Fail a call that could move something while a stop is latched; return whether it did."""
+        if self.latch.reason is None or call.method not in MOTION_METHODS or call.stops:
+            return False
+        call.fail(self.latch.refusal())
+        return True
+
+    def explain(self, end: str) -> str:
+        """Return the message for a command that has ended; it contains the reason of the stop while one is latched."""
+        return end if self.latch.reason is None else f"{end}: {self.latch.explanation}"
 
     def submit_urgent(self, call: Call[Any], *, stops: bool) -> None:
         """Put a call in the urgent lane. A full lane never refuses one that stops, and it drops the motions that wait.
@@ -358,7 +330,7 @@ class ResourceCell:
             call.fail(error)
             return
         for envelope in dropped:
-            envelope.message.fail(PreemptedError(self.latch.explain(f"dropped by {call.text()}")))
+            envelope.message.fail(PreemptedError(self.explain(f"dropped by {call.text()}")))
 
     def _is_own_motion(self, envelope: Envelope) -> bool:
         """Return whether it is a motion of this resource: a remote robot has one mailbox for all of its resources."""

@@ -193,7 +193,7 @@ class RobotHandle(RobotParts, Mapping[str, ResourceHandle]):
     @property
     def stopped_because(self) -> str | None:
         """The reason of the emergency stop that holds the robot; None if none does."""
-        return self._view.latch.reason
+        return self._view.latch.emergency
 
     @property
     def is_stop_confirmed(self) -> bool:
@@ -207,6 +207,11 @@ class RobotHandle(RobotParts, Mapping[str, ResourceHandle]):
         appears in the errors of refused motions. Thread: any; does not block.
         """
         return self._actor.stop_now(str(reason)[:MAX_REASON])
+
+    def end_motion(self, reason: str) -> Future[None]:
+        """Halt everything that moves, and refuse motions with UnavailableError: the robot's service ends."""
+        self._view.latch.set(reason, is_end=True)
+        return self._actor.stop_now(reason)
 
     def resume(self) -> Future[None]:
         """End an emergency stop: motions are possible again, and none starts by itself. Thread: any; does not block."""

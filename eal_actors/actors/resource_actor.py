@@ -276,7 +276,7 @@ class ResourceActor(ReadinessActor):
         if call.begin_by_s is not None and now_s > call.begin_by_s:
             call.fail(StaleCommandError(f"{call.method} waited too long to be begun; it was not executed"))
             return False
-        if self.cell.latch.reason is not None and self.cell.latch.refuses(call):  # latched after the call was submitted
+        if self.cell.latch.reason is not None and self.cell.refuses(call):  # latched after the call was submitted
             return False
         if call.start_s is not None:
             if self._scheduled.is_early(call) and call.method in self._info.methods:
@@ -351,7 +351,7 @@ class ResourceActor(ReadinessActor):
         return converted(self.opened.get_config(key), lambda result: data_of(result, value))
 
     def _halt(self, reason: str | None = None) -> int:
-        reason = reason if reason is not None else self.cell.latch.explain("halted")
+        reason = reason if reason is not None else self.cell.explain("halted")
         self._preempt_motions(reason)
         self.close_exchanges(reason, lambda call: call.method in MOTION_METHODS)
         self.opened.halt()

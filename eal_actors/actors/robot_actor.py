@@ -236,7 +236,7 @@ class RobotActor(EALActor, RobotConnection):
     def ping(self) -> Future[Ping]:
         """Answer at once, whatever the robot does."""
         view = self.view
-        about, not_ready = (view.state, release(), len(view.cells), view.latch.reason), dict(view.not_ready)
+        about, not_ready = (view.state, release(), len(view.cells), view.latch.emergency), dict(view.not_ready)
         return self._done(Ping(*about, not_ready=not_ready, running=self.running()))
 
     @override

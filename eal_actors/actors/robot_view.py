@@ -15,9 +15,10 @@ from typing import Any, Protocol
 from typing_extensions import override
 
 from eal_actors.actors.actor import EALActor
-from eal_actors.actors.call import Call, ResourceCell, StopLatch
+from eal_actors.actors.call import Call, ResourceCell
 from eal_actors.actors.future import Future, Timekeeper
 from eal_actors.actors.inbox import Inbox
+from eal_actors.actors.stop_latch import StopLatch
 from eal_actors.device.resource import Progress
 from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import ArgumentError, DeadlineError, EALError, UnavailableError

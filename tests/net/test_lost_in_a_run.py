@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import signal
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -66,6 +67,7 @@ def lose(
     patience_s: float | None = None,
     restart: bool = False,
     then: Callable[[Rig, Run], object] = lambda *_: None,
+    end: signal.Signals = signal.SIGKILL,
 ) -> Loss:
     """Run the scenario, and kill r1's server while that moves.
 
@@ -77,6 +79,7 @@ def lose(
         patience_s: the scenario's `lost_after_s`; that of the network if None.
         restart: start the server again when the loss is noticed.
         then: called after that, while the scenario runs.
+        end: the signal that ends the server.
     """
     rig = Rig(folder, [f"r{number + 1}" for number in range(robots)], {"lost_after_s": LOST_AFTER_S})
     values = {
@@ -97,7 +100,7 @@ def lose(
         run = Run(plan, fleet, folder / "run", [listen])
         running = run.start()
         assert rig.begun(MOTION)
-        servers["r1"].kill()
+        servers["r1"].signal(end)
         assert noticed.wait(WAIT_S)
         if restart:
             servers.start("r1")
@@ -122,6 +125,15 @@ def test_the_others_go_on_without_a_robot_whose_server_was_killed(tmp_path: Path
     (times,) = loss.report.robots["r1"].losses
     assert times.back_s is None
     assert loss.rig.steps().count("2") == 2
+
+
+def test_the_others_go_on_without_a_robot_whose_server_was_stopped(tmp_path: Path) -> None:
+    """Its end was reported as an emergency stop, which ends a run whatever its policies."""
+    loss = lose(tmp_path, "drop\non_failure: drop", end=signal.SIGTERM)
+    assert outcomes(loss.report) == ["done", "dropped", "done", "done"]
+    assert loss.report.robots["r1"].error is not None
+    assert "its server is being stopped" in loss.report.robots["r1"].error.message
+    assert "emergency" not in loss.report.robots["r1"].error.message
 
 
 @pytest.mark.parametrize("policy", ["fail", "drop"])

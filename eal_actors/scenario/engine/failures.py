@@ -9,8 +9,8 @@ from collections.abc import Generator
 from functools import partial
 from typing import Any
 
-from eal_actors.actors.call import holds_robot
 from eal_actors.actors.future import Future
+from eal_actors.actors.stop_latch import holds_robot
 from eal_actors.kernel.errors import CallCancelledError, CallError, EALError, PreemptedError, StoppedError
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.frames import Participant

@@ -1,0 +1,55 @@
+"""The emergency stop of a robot, which holds it until it is resumed."""
+
+from __future__ import annotations
+
+from eal_actors.kernel.errors import EALError, StoppedError, UnavailableError
+
+
+def holds_robot(reason: str) -> str:
+    """Return the clause that ends the error of a command that an emergency stop ended."""
+    return f"an emergency stop holds the robot: {reason}"
+
+
+class StopLatch:
+    """The emergency stop of a robot: latched at once, and confirmed when the robot has halted. Thread: any.
+
+    The end of a robot's service latches it too. That is no emergency: the robot is about to be unreachable.
+
+    Attributes:
+        reason: why motions are refused; None if they are not.
+        emergency: the same of an emergency stop; None without one.
+        is_confirmed: the robot has halted.
+    """
+
+    __slots__ = ("emergency", "is_confirmed", "reason")
+
+    def __init__(self) -> None:
+        self.reason: str | None = None
+        self.emergency: str | None = None
+        self.is_confirmed = False
+
+    def set(self, reason: str, *, is_end: bool = False) -> None:
+        """Latch the stop; the first reason counts. `is_end`: the robot's service ends."""
+        if self.reason is None:
+            self.reason = reason or "no reason given"
+            self.emergency = None if is_end else self.reason
+
+    def confirm(self) -> None:
+        """Record that the robot has halted, if the stop is still latched."""
+        self.is_confirmed = self.reason is not None
+
+    def clear(self) -> None:
+        """Release the stop."""
+        self.reason = self.emergency = None
+        self.is_confirmed = False
+
+    @property
+    def explanation(self) -> str:
+        """The end of the error of a command that the latched stop ended."""
+        return holds_robot(self.emergency) if self.emergency is not None else str(self.reason)
+
+    def refusal(self) -> EALError:
+        """Return the error of a motion while the stop is latched."""
+        if self.emergency is None:
+            return UnavailableError(str(self.reason))
+        return StoppedError(f"an emergency stop holds the robot until it is resumed: {self.reason}")
