@@ -74,6 +74,10 @@ os._exit(0)
 """
 
 
+QUIET = ("-W", "ignore::DeprecationWarning")
+"""Options of Python: 3.12 and later warn of forks."""
+
+
 @pytest.mark.parametrize("what", ["connect", "import", "log"])
 def test_a_child_connects_while_another_thread_of_its_parent_is_at_it(tmp_path: Path, what: str) -> None:
     """It hung for ever."""
@@ -82,7 +86,12 @@ def test_a_child_connects_while_another_thread_of_its_parent_is_at_it(tmp_path: 
         fleet = {"version": 1, "name": name, "plugin_dirs": ["plugins"], "robots": {"r": {"plugins": {plugin: {}}}}}
         (tmp_path / f"{name}.yaml").write_text(json.dumps(fleet), encoding="utf-8")
     ended = subprocess.run(
-        [sys.executable, "-c", PROGRAM, what], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, *QUIET, "-c", PROGRAM, what],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
     )
     assert (ended.returncode, ended.stderr) == (0, "")
 
@@ -90,6 +99,6 @@ def test_a_child_connects_while_another_thread_of_its_parent_is_at_it(tmp_path: 
 def test_children_log_while_another_thread_of_their_parent_logs(tmp_path: Path) -> None:
     """One in six hung for ever."""
     with (tmp_path / "lines.txt").open("w", encoding="utf-8") as lines:
-        ended = subprocess.run([sys.executable, "-c", LOGGING], stderr=lines, timeout=60, check=False)
+        ended = subprocess.run([sys.executable, *QUIET, "-c", LOGGING], stderr=lines, timeout=60, check=False)
     assert ended.returncode == 0
     assert (tmp_path / "lines.txt").read_text(encoding="utf-8").count("a line of the child") == 60

@@ -141,9 +141,9 @@ ENDS = {"return": 0, "sys.exit": 7, "close": 0, "SIGTERM": 143, "SIGINT": -2}
 
 
 def run(program: str, *arguments: object) -> subprocess.Popen[str]:
-    """Start a program."""
+    """Start a program; Python 3.12 and later warn of its forks."""
     environment = {**os.environ, "PYTHONPATH": str(bundled_path("."))}
-    command = [sys.executable, "-c", program, *map(str, arguments)]
+    command = [sys.executable, "-W", "ignore::DeprecationWarning", "-c", program, *map(str, arguments)]
     return subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
 
 

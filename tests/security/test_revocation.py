@@ -287,7 +287,7 @@ def test_a_router_lets_a_revoked_robot_in_no_more(routed: RoutedSite) -> None:
 
 
 def test_a_second_process_of_a_robot_is_refused_behind_a_router_too(routed: RoutedSite) -> None:
-    routed.rig.content["network"]["lease_s"] = 0.5
+    routed.rig.content["network"]["lease_s"] = 1.0
     routed.rig.write()
     with routed.serve(), pytest.raises(UnavailableError, match="r1: is served already, by"):
         routed.serve().open()

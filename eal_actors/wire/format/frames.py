@@ -15,7 +15,7 @@ from eal_actors.actors.feeds import StreamSpec
 from eal_actors.device.data import EALData, Payload
 from eal_actors.device.data.c_types import short_repr
 from eal_actors.device.data.images import ENCODINGS, Encoding, decode_image, encode_image
-from eal_actors.kernel.errors import DataError, EALError, ProtocolError
+from eal_actors.kernel.errors import DataError, EALError, ProtocolError, UnavailableError
 from eal_actors.wire.format.messages import Arguments, RobotTime
 from eal_actors.wire.format.packing import (
     MAX_PAYLOAD_BYTES,
@@ -34,7 +34,6 @@ from eal_actors.wire.format.packing import (
     packed_client,
     shared_from,
     unpack,
-    unpack_row,
 )
 from eal_actors.wire.shared_memory import SharedValue
 
@@ -91,8 +90,14 @@ def shared_place(envelope: Buffer, client: str) -> SharedValue | None:
 
 
 def decode_frame(envelope: Buffer, payload: Buffer) -> StreamFrame:
-    """Return a frame with its image decoded; ProtocolError if it is none, UnsupportedError if OpenCV is missing."""
-    _, kind, body, era, time_s, age_s, encoding = unpack_row(envelope, "frame", 7)
+    """Return a frame with its image decoded.
+
+    Raises ProtocolError if it is none, UnsupportedError if OpenCV is missing, and UnavailableError if it was sent when
+    the robot did not know this reader yet: all others have found it in shared memory.
+    """
+    _, kind, body, era, time_s, age_s, encoding, shared = optional_row(unpack(envelope, "frame"), "frame", 7, 1)
+    if shared and not len(payload):
+        raise UnavailableError("the newest value was for the readers before this one; the next one is for it too")
     time = RobotTime(checked_text(era, "frame: era"), checked_time(time_s, "frame: time_s"))
     if encoding not in ENCODINGS:
         raise ProtocolError(f"frame: there is no encoding {short_repr(encoding)}, only {', '.join(ENCODINGS)}")

@@ -24,8 +24,10 @@ if TYPE_CHECKING:
     import zenoh
 
 _LOOK_S: Final = 0.1
+_LOOKS: Final = 3
+"""Looks in a row that must find no other: on a busy machine, some of the engine's answers lack some tokens, or all."""
 _ANSWER_S: Final = 1.0
-"""Real seconds to wait for the router, since one of an older release with access control answers nothing."""
+"""Real seconds to wait for an answer of the router."""
 _LATE_S: Final = 1.0
 """Real seconds beyond a lease until its end is known here."""
 _MAX_NAME: Final = 100
@@ -50,15 +52,20 @@ class ServerTokens:
         """Become the only process that serves the robot; call `announce` next.
 
         Raises UnavailableError, with the names of the others, if others serve it for longer than a lease, or two
-        for the smallest identifier. Thread: blocks the caller for that long if there is another.
+        for the smallest identifier. Thread: blocks the caller for that long if there is another, or no router answers.
         """
         if not self._outbox.transport.is_relayed:
             return
         self._declare(keys.server_key(self._fleet, self._robot, self._process, process_name()[:_MAX_NAME]))
         begin_s, patience_s = REAL_TIME.now(), self._lease_s + _LATE_S
-        while others := self._others():
-            is_first = self._process < min(others)
-            if REAL_TIME.now() - begin_s > (2 * patience_s if is_first else patience_s):
+        alone, is_met = 0, False
+        while True:
+            servers, waited_s = self._servers(), REAL_TIME.now() - begin_s
+            others = {process: name for process, name in servers.items() if process != self._process}
+            alone, is_met = alone + 1 if servers and not others else 0, is_met or bool(others)
+            if alone == _LOOKS or (not others and waited_s > (3 if is_met else 1) * patience_s):
+                return
+            if others and waited_s > (2 * patience_s if self._process < min(others) else patience_s):
                 self.withdraw()
                 error = UnavailableError(
                     f"is served already, by {' and '.join(sorted(others.values()))}", robot=self._robot
@@ -104,9 +111,12 @@ class ServerTokens:
     def _declare(self, key: str) -> None:
         self._tokens[key] = self._outbox.transport.session.liveliness().declare_token(key)
 
-    def _others(self) -> dict[str, str]:
-        """Return the names of the other processes that serve the robot, or begin to, by their identifiers."""
+    def _servers(self) -> dict[str, str]:
+        """Return the names of the processes that serve the robot, or begin to, by their identifiers.
+
+        This one is among them, unless no router answers: there is none, or one of an older release with access control.
+        """
         wanted = keys.server_key(self._fleet, self._robot, None, None)
         replies = self._outbox.transport.session.liveliness().get(wanted, timeout=_ANSWER_S)
         found = [keys.parse_server(str(reply.ok.key_expr)) for reply in replies if reply.ok is not None]
-        return {process: name for _, process, name in found if process != self._process}
+        return {process: name for _, process, name in found}

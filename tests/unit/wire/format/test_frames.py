@@ -71,6 +71,8 @@ def test_each_reader_finds_its_place_in_shared_memory() -> None:
     envelope, payload = encode_frame(StreamFrame(data, TIME), "raw", lambda _: places[:1])
     assert payload == b""
     assert decode_frame(envelope, data.payload).content == data
+    with pytest.raises(UnavailableError, match="for the readers before this one"):  # which a stream waits out
+        decode_frame(envelope, payload)
     for damage in ([[b"short", 1, 2, 3, 4]], [[b"1" * 16, 1, 2, 3]], [[b"1" * 16, 1, 2, 3, -4]], [7]):
         with pytest.raises(ProtocolError):
             shared_place(msgpack.packb([PROTOCOL_VERSION, 1, None, "e", 2.0, 0.0, "raw", damage]), "31" * 16)
