@@ -69,6 +69,7 @@ class ForeignRobots:
 
 _MAX_SHOWN: Final = 3
 _TOKENS_S: Final = 1.0
+_LOOK_S: Final = 0.1
 _MAX_PROBES: Final = 8
 _MAX_ANSWERS: Final = 10_000
 
@@ -83,8 +84,13 @@ def robots_at(endpoint: str, fleet: FleetConfig | None = None) -> list[FoundRobo
     wanted = keys.ALL_ALIVE if fleet is None else keys.alive_key(fleet.network_name, None)
     try:
         with open_session(probe_config(endpoint, network), _PROBE_S) as session:
-            replies = session.liveliness().get(wanted, timeout=_TOKENS_S)
-            return sorted(_robots_of((reply.ok for reply in replies if reply.ok is not None), endpoint))
+            end_s = REAL_TIME.now() + _TOKENS_S
+            while True:  # on a busy machine, an answer just after the link was made may be empty
+                replies = session.liveliness().get(wanted, timeout=_TOKENS_S)
+                found = _robots_of((reply.ok for reply in replies if reply.ok is not None), endpoint)
+                if found or REAL_TIME.now() >= end_s:
+                    return sorted(found)
+                REAL_TIME.sleep(_LOOK_S)
     except UnavailableError as error:
         raise UnavailableError(f"nobody answers at {endpoint}") from error
 
