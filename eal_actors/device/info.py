@@ -134,6 +134,7 @@ class CommandInfo:
         returns: the answer of a request; None for a command.
         urgent: it overtakes all calls in the mailbox and drops the motions among them. For stops.
         seconds_per_unit: time that it takes for each unit of an argument in the text, added to the default deadline.
+        takes_s: time that it may take whatever its argument, added likewise.
         pace: the configuration key of its speed, in units a second; empty for none.
         repeatable: given twice, it leads to the same state as once, so a resumed run may give it again.
     """
@@ -144,6 +145,7 @@ class CommandInfo:
     urgent: bool = False
     description: str = ""
     seconds_per_unit: float = 0.0
+    takes_s: float = 0.0
     pace: str = ""
     repeatable: bool = False
 
@@ -204,7 +206,7 @@ class ResourceInfo:
     configs: tuple[ConfigInfo, ...] = ()
     description: str = ""
     urgent_commands: frozenset[str] = field(init=False)
-    _timed_commands: tuple[tuple[str, CommandInfo], ...] = field(init=False, repr=False)
+    _timed_commands: tuple[tuple[str | None, CommandInfo], ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         if not isinstance(self.types, ResourceType):
@@ -213,8 +215,8 @@ class ResourceInfo:
         for value in (self.value, *(call.argument for call in calls), *(call.returns for call in calls)):
             if not isinstance(value, ValueInfo | None):
                 raise ArgumentError(f"{self.name}: {value!r} must be a ValueInfo")
-        timed = ((command.prefix, command) for command in self.commands if command.seconds_per_unit)
-        object.__setattr__(self, "_timed_commands", tuple((prefix, command) for prefix, command in timed if prefix))
+        timed = (command for command in self.commands if command.seconds_per_unit or command.takes_s)
+        object.__setattr__(self, "_timed_commands", tuple((command.prefix, command) for command in timed))
         object.__setattr__(self, "urgent_commands", frozenset(c.name for c in self.commands if c.urgent))
 
     @property
@@ -239,12 +241,14 @@ class ResourceInfo:
         return _parse("command", self.commands, text, data)
 
     def takes_s(self, command: str) -> float:
-        """Return the time that a command takes for its argument, in seconds; 0 if that is not known."""
+        """Return the time that a command takes, in seconds; 0 if that is not known."""
         if not isinstance(command, str):
             return 0.0  # parse_command refuses it
         for prefix, info in self._timed_commands:
-            if command.startswith(prefix) and _NUMBER.match(number := command[len(prefix) :]):
-                return abs(float(number)) * info.seconds_per_unit
+            if command == info.name:
+                return info.takes_s
+            if prefix and command.startswith(prefix) and _NUMBER.match(number := command[len(prefix) :]):
+                return info.takes_s + abs(float(number)) * info.seconds_per_unit
         return 0.0
 
     def at_pace(self, key: str, units_per_s: float) -> ResourceInfo:

@@ -46,6 +46,7 @@ def command(
     *,
     urgent: bool = False,
     repeatable: bool = False,
+    takes_s: float = 0.0,
     description: str = "",
 ) -> Callable[[_F], _F]:
     """Make a method a command of send_cmd.
@@ -58,10 +59,11 @@ def command(
         argument: its type, unit and range.
         urgent: overtake all calls in the mailbox and drop the commands among them. For stops.
         repeatable: given twice, it leads to the same state as once, as a lamp that is switched on.
+        takes_s: time that it may take, added to the default deadline of its calls; in seconds of the fleet's clock.
         description: one line for people; the method's docstring's first line if empty.
     """
     fields = {"argument": argument, "urgent": urgent, "repeatable": repeatable or urgent, "description": description}
-    return _marker("command", name, **fields)
+    return _marker("command", name, **fields, takes_s=takes_s)
 
 
 def request(

@@ -29,6 +29,8 @@ _POLL_S: Final = 0.05
 _CONFIRM_S: Final = 5.0
 _STREAM_S: Final = 1.0
 """How long PX4 must have received set-points before it switches to OFFBOARD."""
+_FLIGHT_S: Final = 110.0
+"""Allowed for a take-off or a landing."""
 _ALTITUDE: Final = ValueInfo(DataType.DOUBLE, "m", 0.1, 500)
 
 
@@ -103,7 +105,7 @@ class Autopilot(Resource):
         """
         return switch(self._link, self._settings.vehicle, str(getattr(data, "value", data)))
 
-    @command("guided")
+    @command("guided", takes_s=2 * _CONFIRM_S)
     def guided(self) -> Activity:
         """Switch to the mode that takes set-points, and arm."""
         return make_guided(self._link, self._settings.vehicle)
@@ -120,7 +122,7 @@ class Autopilot(Resource):
         yield from self._link.command("disarm", mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0)
         yield from _until(lambda: not self._link.is_armed(), "is disarmed")
 
-    @command("takeoff<metres>", _ALTITUDE)
+    @command("takeoff<metres>", _ALTITUDE, takes_s=_FLIGHT_S)
     def take_off(self, metres: float) -> Activity:
         """Take off to an altitude above the start.
 
@@ -147,7 +149,7 @@ class Autopilot(Resource):
             self.progress(self._link.reading().altitude_m / metres)
             yield _POLL_S
 
-    @command("land")
+    @command("land", takes_s=_FLIGHT_S)
     def land(self) -> Activity:
         """Land here, and wait until the motors are disarmed."""
         yield from self._link.command("land", mavlink.MAV_CMD_NAV_LAND)

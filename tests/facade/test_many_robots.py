@@ -113,7 +113,8 @@ def test_the_default_deadline_follows_the_speed_that_is_set(fleet: Fleet) -> Non
 
 
 @pytest.mark.parametrize(
-    ("command", "takes_s"), [("f3", 20.0), ("l90", 2.0), ("r-90", 2.0), ("f", 0.0), ("g", 0.0), ("fast", 0.0)]
+    ("command", "takes_s"),
+    [("f3", 20.0), ("l90", 2.0), ("r-90", 2.0), ("f", 0.0), ("g", 0.0), ("fast", 0.0), ("goto", 110.0)],
 )
 def test_a_base_tells_what_its_motions_take(fleet: Fleet, command: str, takes_s: float) -> None:
     info = fleet["evbot"]["Base"].info

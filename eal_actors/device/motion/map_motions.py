@@ -27,6 +27,8 @@ MAX_WAYPOINTS: Final = 10_000
 """Waypoints of a path. A base answers nothing while it makes a route: ten thousand points take 30 ms, half a million
 took seconds, in which it could not be stopped."""
 _MOST_YAW_RAD: Final = 4 * math.pi  # two turns; a heading in degrees is mostly more
+_TAKES_S: Final = 110.0
+"""Allowed for the way, whose length is not known before it begins."""
 MAX_PLACE_M: Final = 1e6
 """Greatest coordinate of a place; beyond, the motion of a step is lost in the rounding."""
 
@@ -76,7 +78,7 @@ class MapMotions(Resource, ABC):
         """Return whether the wheels are driven, but something holds the robot. The default reads the status."""
         return self.get_status() == BLOCKED
 
-    @command("goto", GOAL, repeatable=True)
+    @command("goto", GOAL, repeatable=True, takes_s=_TAKES_S)
     def go_to(self, goal: Any) -> Activity:
         """Drive to a place in the map frame; with a third number, turn to that heading there.
 
@@ -101,7 +103,7 @@ class MapMotions(Resource, ABC):
             raise ArgumentError(f"goto takes its heading in radians, not {numbers[2]:g}; `go_to` takes degrees")
         return numbers[0], numbers[1], numbers[2] if len(numbers) > 2 else None
 
-    @command("follow", _PATH, repeatable=True)
+    @command("follow", _PATH, repeatable=True, takes_s=_TAKES_S)
     def follow_path(self, path: Any) -> Activity:
         """Drive along waypoints in the map frame to the last one; it turns in place at corners.
 

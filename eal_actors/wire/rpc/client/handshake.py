@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final, Self, TypeVar
+from typing import Annotated, Any, Final, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
@@ -89,13 +89,17 @@ class _ValueFields(_Fields):
     description: str
 
 
+_Seconds = Annotated[float, Field(ge=0.0, le=3600.0, allow_inf_nan=False)]
+
+
 class _CommandFields(_Fields):
     name: str
     argument: _ValueFields | None
     returns: _ValueFields | None
     urgent: bool
     description: str
-    seconds_per_unit: float = Field(default=0.0, ge=0.0, le=3600.0, allow_inf_nan=False)
+    seconds_per_unit: _Seconds = 0.0
+    takes_s: _Seconds = 0.0
     pace: str = ""
     repeatable: bool = False
 
