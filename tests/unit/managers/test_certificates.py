@@ -2,11 +2,13 @@ from __future__ import annotations
 
 import stat
 from datetime import timedelta
+from ipaddress import ip_address
 from pathlib import Path
 
 import pytest
 from cryptography import x509
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+from cryptography.x509.verification import PolicyBuilder, Store
 
 from eal_actors.kernel.clock import wall_time
 from eal_actors.kernel.errors import ConfigError
@@ -50,6 +52,14 @@ def test_a_certificate_names_its_owner_and_where_it_is_reached(folder: Path) -> 
     usages = certificate.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value
     assert set(usages) == {ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH}
     assert made.hosts == ("10.0.0.1", "robot.local", "::1")
+
+
+def test_a_strict_client_takes_a_certificate(folder: Path) -> None:
+    """Python from 3.13 on did not: key identifiers were missing."""
+    certificate = read(make_certificate(folder, "r1", ["10.0.0.1"]).file)
+    strict = PolicyBuilder().store(Store([read(folder / "ca.pem")]))
+    chain = strict.build_server_verifier(x509.IPAddress(ip_address("10.0.0.1"))).verify(certificate, [])
+    assert chain[0] == certificate
 
 
 def test_certificates_last_two_years_and_the_authority_ten(folder: Path) -> None:
