@@ -50,6 +50,15 @@ def run(eal: Any, write: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     return made
 
 
+@pytest.mark.parametrize("kept", [slice(0, 0), slice(1, None)])
+def test_events_without_their_beginning_are_refused(eal: Any, run: Path, kept: slice) -> None:
+    file = run / "events.jsonl"
+    file.write_text("".join(file.read_text().splitlines(keepends=True)[kept]))
+    refused = eal("branch", run, "--at", "1", "--set", "leg_m=0.1")
+    assert refused.exit_code != 0
+    assert "does not begin with the event run_started" in " ".join(refused.output.replace("│", " ").split())
+
+
 def events_before(run: Path, time_s: float) -> list[str]:
     lines = (run / "events.jsonl").read_text().splitlines()[1:]  # the first one names the files
     return [line for line in lines if json.loads(line)["time_s"] < time_s]

@@ -13,6 +13,7 @@ from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.recording import RunFolder
 from eal_actors.recording.provenance import FLEET, kept_scenario
 from eal_actors.scenario import Report, Scenario, load_scenario
+from eal_actors.scenario.report.journal import EVENTS
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +36,8 @@ def read_input(run: Path) -> RecordedInput:
     """Read the input of a run that can be repeated.
 
     Raises:
-        ScenarioError: it is no folder of a run, the run has not ended, was resumed, or was not in lock step.
+        ScenarioError: it is no folder of a run, its events have lost their beginning, the run has not ended, was
+            resumed, or was not in lock step.
         ConfigError: a file in the folder was changed and is invalid.
     """
     folder = RunFolder.open(run)
@@ -45,8 +47,10 @@ def read_input(run: Path) -> RecordedInput:
         raise ScenarioError(f"the run in {run} {state}; only a run from its start to its end can be repeated")
     if report.rate != MAX:
         raise ScenarioError(f"the run in {run} was made at rate {report.rate:g}; only a run with --rate max repeats")
+    started = next(iter(folder.events), {})
+    if started.get("event") != "run_started":
+        raise ScenarioError(f"{run / EVENTS} does not begin with the event run_started")
     config = EALConfigManager.load(run / FLEET, environment={}).fleet
-    started = folder.events[0]
     return RecordedInput(
         folder,
         report,
