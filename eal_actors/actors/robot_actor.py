@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, TypeVar
@@ -79,6 +80,7 @@ class RobotActor(EALActor, RobotConnection):
         self._plugins: OpenPlugins | None = None
         self._children: dict[str, ResourceActor] = {}
         self._starting: set[str] = set()
+        self._failed_opens = Counter[str]()  # in a row, by resource
         self._gone: set[str] = set()  # resources that have crashed, were halted by that, and are not restarted
         self._intensity = RestartIntensity(spec.max_restarts, spec.restart_window_s)
         self._callbacks = ResourceCallbacks(
@@ -165,6 +167,7 @@ class RobotActor(EALActor, RobotConnection):
             return
         if self.view.state is RobotState.FAILED:
             return
+        self._failed_opens[name] = 0 if actor.is_up else self._failed_opens[name] + 1
         self._restart(name, error)
 
     def _restart(self, name: str, error: BaseException | None) -> None:
@@ -188,6 +191,10 @@ class RobotActor(EALActor, RobotConnection):
         if (delay_s := self._intensity.next_delay_s(self.clock.now())) is None:
             limit = f"more than {self._intensity.max_restarts} restarts in {self._intensity.window_s:g} s"
             self._fail(RobotFailedError(f"stopped safely after {limit}; last, {name} {reason}", robot=self.spec.name))
+            return
+        if (count := self._failed_opens[name]) > self._intensity.max_restarts:  # each may have left a stuck thread
+            message = f"could not start: {name} did not open {count} times in a row; last, it {reason}"
+            self._fail(RobotFailedError(message, robot=self.spec.name))
             return
         cell.error = UnavailableError(f"is restarting: it {reason}")
         self.view.restarts[name] = self.view.restarts.get(name, 0) + 1

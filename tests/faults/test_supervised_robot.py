@@ -224,6 +224,26 @@ def test_a_resource_that_does_not_open_in_time_says_so() -> None:
             gate.set()
 
 
+def test_a_resource_that_never_opens_fails_its_robot() -> None:
+    """It was tried for ever, and each try left a thread behind."""
+    gate, tries = threading.Event(), list[threading.Thread]()
+
+    class Hanging(Resource):
+        """Hangs when it is opened."""
+
+        def open(self) -> None:
+            tries.append(threading.current_thread())
+            gate.wait(WAIT_S)
+
+    with running_robot({"Hanging": Hanging}, clock=ScaledClock(50), wait=False, timeout_s=8.0) as robot:
+        try:
+            assert eventually(lambda: robot.state is RobotState.FAILED)
+            assert "Hanging did not open 4 times in a row; last, it did not open within" in str(robot.problems[-1])
+            assert len(tries) == 4
+        finally:
+            gate.set()
+
+
 def test_a_call_of_a_stuck_resource_fails_with_its_deadline_though_nobody_waits_for_it() -> None:
     with running_robot({"Motor": partial(Motor, [])}, clock=ScaledClock(20)) as robot:
         hung = robot["Motor"].send_cmd("spin", timeout_s=8.0)
