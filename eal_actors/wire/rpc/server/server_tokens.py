@@ -62,7 +62,8 @@ class ServerTokens:
         while True:
             servers, waited_s = self._servers(), REAL_TIME.now() - begin_s
             others = {process: name for process, name in servers.items() if process != self._process}
-            alone, is_met = alone + 1 if servers and not others else 0, is_met or bool(others)
+            is_met = is_met or bool(others)
+            alone = alone + 1 if servers and not others else 0
             if alone == _LOOKS or (not others and waited_s > (3 if is_met else 1) * patience_s):
                 return
             if others and waited_s > (2 * patience_s if self._process < min(others) else patience_s):
