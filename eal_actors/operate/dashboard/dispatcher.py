@@ -27,7 +27,7 @@ from eal_actors.operate.dashboard.control import DashboardContext
 from eal_actors.operate.dashboard.journeys import Journeys
 from eal_actors.operate.dashboard.run_manager import RunManager
 from eal_actors.operate.dashboard.state_store import to_json_value
-from eal_actors.operate.dashboard.teleop import Teleop, Twist
+from eal_actors.operate.dashboard.teleop import DRIVE_RESOURCE, Teleop, Twist
 from eal_actors.operate.dashboard.values import ValuePoller, infos_of
 
 Reply: TypeAlias = Callable[[dict[str, Any]], None]
@@ -75,6 +75,8 @@ class Dispatcher:
         try:
             if not isinstance(message, messages.DriveRobot):  # whose errors name their press
                 self._require_fresh(message)
+            for robot in _bases_of(message):
+                self._teleop.interrupt(robot)
             answer = self._execute(message, browser, reply)
         except EALError as error:
             reply(failure(number, error))
@@ -265,6 +267,19 @@ class Dispatcher:
             on_end(error)
             raise
         answer.add_done_callback(on_done)
+
+
+def _bases_of(message: Any) -> tuple[str, ...]:
+    """Return the robots whose bases a message moves or halts."""
+    match message:
+        case messages.CallResource(resource=resource, method="set_value" | "send_cmd" | "halt"):
+            return (message.robot,) if resource == DRIVE_RESOURCE else ()
+        case messages.CommandRobots(resource=resource):
+            return message.robots if resource in ("", DRIVE_RESOURCE) else ()
+        case messages.SendRobot():
+            return (message.robot,)
+        case _:
+            return ()
 
 
 def _answer_for_all(number: int, outcomes: Mapping[str, Any]) -> dict[str, Any]:

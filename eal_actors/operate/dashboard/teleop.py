@@ -121,6 +121,13 @@ class Teleop:
             self._end_press(robot)
         self._halt(robot)
 
+    def interrupt(self, robot: str) -> None:
+        """End the press of a robot whose base gets another command: held keys must not move it again. Thread: any."""
+        with self._lock:
+            press = self._end_press(robot) if robot in self._presses else None
+        if press is not None:
+            press.on_error(robot, PreemptedError("by another command", robot=robot))
+
     def leave(self, browser: str) -> None:
         """Halt every robot that a closed browser drives. Thread: any; does not block."""
         with self._lock:

@@ -11,7 +11,7 @@ from playwright.sync_api import Page, expect
 
 from eal_actors.facade.fleet import Fleet
 from eal_actors.operate.dashboard import Dashboard
-from tests.operate.dashboard.rig import resource_of, wait_for
+from tests.operate.dashboard.rig import page_of, resource_of, wait_for
 
 OpenPage = Callable[..., AbstractContextManager[Page]]
 
@@ -67,6 +67,39 @@ def test_a_tab_that_loses_the_focus_releases_the_keys(driving: Page, fleet: Flee
     base = hold(driving, fleet)
     driving.evaluate("window.dispatchEvent(new Event('blur'))")
     halted(base)
+
+
+def test_a_key_that_another_key_renames_is_released(driving: Page, fleet: Fleet) -> None:
+    base = hold(driving, fleet)
+    keyboard = driving.context.new_cdp_session(driving)
+    keyboard.send("Input.dispatchKeyEvent", {"type": "keyUp", "key": "\u0142", "code": "KeyW"})  # W released with AltGr
+    halted(base)
+
+
+@pytest.mark.parametrize("how", ["Meta", "ContextMenu"])
+def test_what_may_swallow_the_release_of_a_key_releases_it(driving: Page, fleet: Fleet, how: str) -> None:
+    base = hold(driving, fleet)
+    if how == "Meta":  # macOS reports no release of other keys while it is held
+        driving.keyboard.down("Meta")
+    else:  # a menu takes the keys
+        driving.get_by_role("heading", name="one").click(button="right")
+    halted(base)
+
+
+def test_a_slider_that_has_the_focus_leaves_the_letters_to_driving(driving: Page, fleet: Fleet) -> None:
+    driving.get_by_role("slider", name="Speed in m/s").focus()
+    hold(driving, fleet)
+
+
+def test_a_halt_of_another_user_ends_the_press(driving: Page, fleet: Fleet, dashboard: Dashboard) -> None:
+    base = hold(driving, fleet)
+    with page_of(dashboard) as other:
+        assert other.ask(do="command", robots=["one"], resource="", text="halt")["ok"]
+    expect(driving.locator("main")).to_contain_text("Halted: by another command")
+    halted(base)
+    assert base.twist == [0.0, 0.0]  # though the key is still down
+    driving.keyboard.up("w")
+    hold(driving, fleet)
 
 
 def test_another_view_releases_the_keys(driving: Page, fleet: Fleet) -> None:
@@ -133,3 +166,36 @@ def test_a_gamepad_drives_while_its_dead_man_button_is_held(driving: Page, fleet
     driving.keyboard.press("Escape")  # after which the server has heard everything before it
     expect(driving.locator("#stopped")).to_be_visible()
     assert base.twists == twists
+
+
+def test_a_window_without_the_focus_is_driven_by_no_gamepad(driving: Page, fleet: Fleet) -> None:
+    base = resource_of(fleet, "one", "Base")
+    driving.evaluate(PAD)
+    press_pad(driving, base)
+    driving.evaluate("window.dispatchEvent(new Event('blur'))")
+    halted(base)
+    with base.changed:
+        twists = base.twists
+    driving.evaluate(THREE_PAD_READS)  # the button is still held
+    driving.evaluate("document.hasFocus = () => false; window.pad.buttons[5].pressed = false")
+    driving.evaluate(THREE_PAD_READS)
+    driving.evaluate("window.pad.buttons[5].pressed = true")  # for another window
+    driving.evaluate(THREE_PAD_READS)
+    driving.evaluate("document.hasFocus = () => true")  # and held when the focus comes back
+    driving.evaluate(THREE_PAD_READS)
+    driving.keyboard.press("Escape")  # after which the server has heard everything before it
+    expect(driving.locator("#stopped")).to_be_visible()
+    assert base.twists == twists
+
+
+def test_a_gamepad_that_is_held_while_it_is_armed_drives_when_it_is_pressed_again(driving: Page, fleet: Fleet) -> None:
+    base = resource_of(fleet, "one", "Base")
+    driving.get_by_role("button", name="Drive with keys").click()
+    driving.evaluate(PAD)
+    driving.evaluate("window.pad.buttons[5].pressed = true")
+    driving.get_by_role("button", name="Drive with keys").click()
+    driving.evaluate(THREE_PAD_READS)
+    assert base.twists == 0
+    driving.evaluate("window.pad.buttons[5].pressed = false")
+    driving.evaluate(THREE_PAD_READS)
+    press_pad(driving, base)

@@ -23,6 +23,9 @@ const KEYS = {
 };
 /** @type {(Direction | null)[]} */
 const PAD = [null, "ahead", null, "left", null, "right", null, "back", null];
+/** Fields that take letters, and those that take arrow keys. */
+const FIELDS = "input:not([type=range]), select, textarea";
+const ARROW_FIELDS = "input, select, textarea";
 const SIGNS = { ahead: "▲ W", back: "▼ S", left: "◀ A", right: "D ▶" };
 const HINT_ARMED =
   "Hold W A S D or an arrow key, or a gamepad's shoulder button with its left stick. The robot halts when you release it.";
@@ -33,6 +36,7 @@ let lastPress = Date.now();
 let active = null;
 
 export function releaseAll() {
+  active?.gamepad.forget();
   active?.release();
 }
 
@@ -50,10 +54,14 @@ export function showDriveError({ error, robot, press }) {
 window.addEventListener("blur", releaseAll);
 window.addEventListener("pagehide", releaseAll);
 document.addEventListener("visibilitychange", () => document.hidden && releaseAll());
+// A menu takes the keys, so their release would never come.
+window.addEventListener("contextmenu", (event) => event.defaultPrevented || releaseAll());
 
 export class DrivePanel {
   /** @type {Set<Direction>} */
   held = new Set();
+  /** @type {Map<string, Direction>} By the place of the key: a modifier or a layout may give it another name meanwhile. */
+  keys = new Map();
   isArmed = false;
   /** @type {number | null} */
   pressNumber = null;
@@ -139,16 +147,20 @@ export class DrivePanel {
 
   /** @param {KeyboardEvent} event */
   onKeyDown = (event) => {
+    if (event.key === "Meta") this.release(); // macOS reports no release of other keys while it is held
     const direction = KEYS[event.key.toLowerCase()];
     if (!direction || !this.isArmed || event.ctrlKey || event.metaKey || event.altKey) return;
-    if (event.target instanceof Element && event.target.matches("input, select, textarea")) return;
+    if (event.target instanceof Element && event.target.matches(event.key.length === 1 ? FIELDS : ARROW_FIELDS)) return;
     event.preventDefault();
-    if (!event.repeat) this.press(direction);
+    if (event.repeat) return;
+    this.keys.set(placeOf(event), direction);
+    this.press(direction);
   };
 
   /** @param {KeyboardEvent} event */
   onKeyUp = (event) => {
-    const direction = KEYS[event.key.toLowerCase()];
+    const direction = this.keys.get(placeOf(event));
+    this.keys.delete(placeOf(event));
     if (direction) this.lift(direction);
   };
 
@@ -212,6 +224,7 @@ export class DrivePanel {
   release() {
     if (this.stopTimer()) send({ do: "release", robot: this.robot });
     this.held.clear();
+    this.keys.clear();
     this.stick = null;
     if (!this.hasFailed) this.showHint();
     this.hasFailed = false;
@@ -236,6 +249,11 @@ export class DrivePanel {
   showHeld() {
     for (const [direction, button] of this.buttons) button.classList.toggle("held", this.held.has(direction));
   }
+}
+
+/** Return what identifies a key. @param {KeyboardEvent} event */
+function placeOf(event) {
+  return event.code || event.key.toLowerCase();
 }
 
 /** @param {string} label @param {string} unit @param {{ min: string, max: string, step: string, value: string }} range */

@@ -15,9 +15,18 @@ export function curved(value) {
   return Math.sign(value) * (0.4 * size + 0.6 * size ** 3);
 }
 
+function knownPads() {
+  return (navigator.getGamepads?.() ?? []).filter((pad) => pad?.connected && pad.mapping === "standard");
+}
+
+/** Return a gamepad whose dead-man button is held. @param {(Gamepad | null)[]} pads */
+function heldOf(pads) {
+  return pads.find((pad) => pad && DEAD_MEN.some((button) => pad.buttons[button]?.pressed));
+}
+
 /**
- * Reads the gamepads while a panel is armed. The stick counts only while a shoulder button is held. After a gamepad is
- * lost, the button must be released and pressed again.
+ * Reads the gamepads while a panel is armed. The stick counts only while a shoulder button is held. A button that is
+ * held at the beginning, or while the gamepad or the focus is lost, must be released and pressed again.
  */
 export class GamepadReader {
   /** @type {ReturnType<typeof setInterval> | null} */
@@ -32,19 +41,28 @@ export class GamepadReader {
 
   /** @param {boolean} isOn */
   set(isOn) {
-    if (isOn && this.#timer === null) this.#timer = setInterval(() => this.#read(), PERIOD_MS);
+    if (isOn && this.#timer === null) {
+      this.#mustRelease = Boolean(heldOf(knownPads()));
+      this.#timer = setInterval(() => this.#read(), PERIOD_MS);
+    }
     if (isOn || this.#timer === null) return;
     clearInterval(this.#timer);
     this.#timer = null;
     this.#end();
   }
 
+  /** Ignore the button that is held, until it is released. */
+  forget() {
+    this.#mustRelease ||= this.#wasHeld;
+  }
+
   #read() {
-    const pads = (navigator.getGamepads?.() ?? []).filter((pad) => pad?.connected && pad.mapping === "standard");
-    const held = pads.find((pad) => pad && DEAD_MEN.some((button) => pad.buttons[button]?.pressed));
-    if (pads.length === 0) this.#mustRelease ||= this.#wasHeld;
+    const pads = knownPads();
+    const held = heldOf(pads);
+    const isAway = pads.length === 0 || document.hidden || !document.hasFocus();
+    if (isAway) this.#mustRelease ||= this.#wasHeld || Boolean(held);
     else if (!held) this.#mustRelease = false;
-    if (!held || this.#mustRelease || document.hidden) {
+    if (!held || isAway || this.#mustRelease) {
       this.#end();
       return;
     }
