@@ -278,6 +278,8 @@ def test_a_page_without_a_server_is_dimmed_and_says_when_it_was_seen(open_page: 
         process.send_signal(signal.SIGCONT)
         expect(page.locator("#outdated")).to_be_hidden()
         expect(page.locator("#stopped")).to_contain_text("All robots refuse to move")
+        expect(page.locator("#notices")).to_contain_text("confirmed the stop")
+        expect(page.locator("#notices")).not_to_contain_text("NOT CONFIRMED", timeout=1000)
         process.kill()
         expect(page.locator("#outdated")).to_be_visible()
         expect(page.locator("#connection")).to_contain_text("no connection")

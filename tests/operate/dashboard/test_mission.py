@@ -77,6 +77,11 @@ def test_a_robot_that_failed_is_one_alert_beside_the_line_of_the_log(open_page: 
         alerts = page.get_by_role("region", name="Alerts").locator("li")
         expect(alerts).to_contain_text([re.compile("one failed · none of its.*no arm$"), "robot has failed"])
         expect(page.get_by_text("no arm")).to_have_count(1)
+        page.keyboard.press("Escape")
+        expect(page.locator("#stopped")).to_contain_text("All robots refuse to move")
+        page.reload()
+        expect(page.locator("#stopped")).to_contain_text("All robots refuse to move")
+        expect(alerts).to_contain_text([re.compile("one failed · none of its.*no arm$"), "robot has failed"])
 
 
 def test_nothing_covers_the_tools_of_the_map_in_any_view(open_page: OpenPage, fleet: Fleet, tmp_path: Path) -> None:
@@ -126,6 +131,37 @@ def test_long_names_of_robots_widen_no_view_of_a_phone(open_page: OpenPage, tmp_
                 """() => [...document.querySelectorAll("#main :is(select, label, .map canvas)")]
                     .every((node) => node.getBoundingClientRect().right <= innerWidth)"""
             ), view
+
+
+def test_the_map_shows_the_beginning_of_each_name(open_page: OpenPage, tmp_path: Path) -> None:
+    """The names of robots at the edge of the map are inside it."""
+    texts = """() => {
+        window.texts = {};
+        const { fillText } = CanvasRenderingContext2D.prototype;
+        CanvasRenderingContext2D.prototype.fillText = function (text, x, y) {
+            const half = this.measureText(text).width / 2;
+            window.texts[text] = [x - half, x + half, this.canvas.clientWidth];
+            return fillText.call(this, text, x, y);
+        };
+    }"""
+    file = tmp_path / "fleet.yaml"
+    file.write_text(
+        "version: 1\nworld: empty\nrobots:\n"
+        "  a-robot-at-the-left: {plugins: {sim: {model: roomba, start: {x_m: -2.7, y_m: 0}}}}\n"
+        "  a-robot-at-the-right: {plugins: {sim: {model: roomba, start: {x_m: 2.7, y_m: 0}}}}\n"
+        f"  {'b' * 60}: {{plugins: {{sim: {{model: roomba, start: {{x_m: 0, y_m: 1}}}}}}}}\n"
+    )
+    with (
+        Fleet.load(file).connect() as fleet,
+        open_dashboard(fleet) as dashboard,
+        open_page(dashboard.link, viewport={"width": 360, "height": 640}) as page,
+    ):
+        page.evaluate(texts)
+        page.evaluate("location.hash = '#/map'")
+        page.wait_for_function("Object.keys(window.texts).length >= 3")
+        spans = page.evaluate("window.texts")
+        assert all(left >= 0 for left, _, _ in spans.values())
+        assert all(right <= width for left, right, width in spans.values() if right - left <= width)
 
 
 def test_a_page_that_is_loaded_during_a_run_offers_the_scenario_that_runs(

@@ -53,7 +53,7 @@ function currentAlerts() {
 /** @param {Alerts} alerts @param {string} name @param {Robot} robot */
 function addRobot(alerts, name, robot) {
   const [shape, word, tone] = stateOf(robot);
-  if (tone !== "good" && !(robot.stopped && robot.is_stop_confirmed)) {
+  if (tone !== "good" && word !== "stopped") {
     alerts.add(name, { tone, shape, text: [word, ...reasonsNotReady(robot), ...robot.problems].join(" · ") });
   }
   if (tone === "good" && robot.pose_seen) {

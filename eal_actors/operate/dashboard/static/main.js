@@ -156,6 +156,7 @@ function notify(text, isBad = false) {
   const notices = byId("notices");
   notices.append(notice);
   while (notices.children.length > MAX_NOTICES) notices.firstChild?.remove();
+  return notice;
 }
 
 /** @param {Failure} answer */
@@ -173,9 +174,13 @@ async function stop() {
     notify(`STOP was not sent: ${reason}`, true);
     return;
   }
-  const late = setTimeout(() => notify("STOP NOT CONFIRMED: no answer yet.", true), LATE_MS);
+  let warning = /** @type {HTMLElement | null} */ (null);
+  const late = setTimeout(() => {
+    warning = notify("STOP NOT CONFIRMED: no answer yet.", true);
+  }, LATE_MS);
   const answer = await request("stop", {});
   clearTimeout(late);
+  warning?.remove();
   if (answer.ok) notify(`${answer.confirmed.length} robots confirmed the stop.`);
   else notify(`Stop not confirmed: ${describeFailure(answer)}`, true);
 }

@@ -16,10 +16,10 @@ const GAP_PX = 4;
  * Write the names above the robots, or below where another name is in the way, or not at all where both are.
  *
  * @param {CanvasRenderingContext2D} context
- * @param {Frame} frame
+ * @param {Frame & { width: number }} frame - with the width of the map in pixels.
  * @param {Record<string, Pose>} poses
  */
-export function drawNames(context, { scale, toScreen }, poses) {
+export function drawNames(context, { scale, toScreen, width }, poses) {
   /** @type {Box[]} */
   const taken = [];
   context.save();
@@ -29,15 +29,17 @@ export function drawNames(context, { scale, toScreen }, poses) {
   for (const name of store.names()) {
     const pose = poses[name];
     if (!pose) continue;
-    const [x, y] = toScreen(pose.at[0], pose.at[1]);
+    const [at, y] = toScreen(pose.at[0], pose.at[1]);
+    if (at < 0 || at > width) continue;
     const [shape, word] = stateOf(store.robots[name]);
     const seen = store.robots[name]?.pose_seen;
     const state = seen && word === "ready" ? `▲ pose of ${clockTime(new Date(seen))}` : `${shape} ${word}`;
     const label = word === "ready" && !seen ? name : `${name} ${state}`;
     const half = context.measureText(label).width / 2 + PADDING_PX;
+    const x = Math.max(half, Math.min(width - half, at)); // within the map, at least its beginning
     const away = Math.max(ARROW_PX, hullPx(scale, store.robots[name])) + GAP_PX + HEIGHT_PX / 2;
-    const middle = [y - away, y + away].find((at) => {
-      const box = boxOf(x, at, half);
+    const middle = [y - away, y + away].find((height) => {
+      const box = boxOf(x, height, half);
       return !taken.some((other) => overlap(box, other));
     });
     if (middle === undefined) continue;
