@@ -81,7 +81,7 @@ class McapFile:
         self._writer = Writer(self._stream, chunk_size=_CHUNK_BYTES)
         self._writer.start(profile="", library=_LIBRARY)
         self._schemas: dict[str, int] = {}
-        self._channels: dict[str, int] = {}
+        self._channels: dict[tuple[str, str], int] = {}  # by topic and schema: a camera may become one of another kind
         self._names: set[str] = set()
         self.attached: dict[str, Any] = {}
         self.counts: dict[str, int] = {}
@@ -96,9 +96,10 @@ class McapFile:
         self._add(topic, schema, self._start_ns + nanoseconds(time_s), _as_json(shifted))
 
     def _add(self, topic: str, schema: MessageSchema, time_ns: int, data: bytes) -> None:
-        channel = self._channels.get(topic)
+        key = topic, schema.name
+        channel = self._channels.get(key)
         if channel is None:
-            channel = self._channels[topic] = self._writer.register_channel(topic, "json", self._schema(schema))
+            channel = self._channels[key] = self._writer.register_channel(topic, "json", self._schema(schema))
         self.counts[topic] = self.counts.get(topic, 0) + 1
         self.newest_s[topic] = max(self.newest_s.get(topic, 0.0), (time_ns - self._start_ns) / _NS)
         self._writer.add_message(channel, log_time=time_ns, publish_time=time_ns, data=data)

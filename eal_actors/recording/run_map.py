@@ -42,7 +42,7 @@ def map_of_run(run: Path, resolution_m: float) -> OccupancyGrid:
         raise ScenarioError(f"{run} has no {RECORD_FILE}; `eal run` writes it if the extra `record` is installed")
     messages = sorted(read_mcap(file).messages, key=attrgetter("topic", "time_s"))
     topics = {topic: list(entries) for topic, entries in groupby(messages, attrgetter("topic"))}
-    scanners = {topic: entries for topic, entries in topics.items() if entries[0].schema == schemas.SCAN.name}
+    scanners = {topic: scans for topic, entries in topics.items() if (scans := list(filter(_is_scan, entries)))}
     try:
         found = ScanMap(resolution_m)
         for topic, scans in scanners.items():
@@ -52,6 +52,10 @@ def map_of_run(run: Path, resolution_m: float) -> OccupancyGrid:
     except ArgumentError as error:
         seen = ", ".join(scanners) or "no scanner; record one, such as a `Lidar`, with `eal run --record sensors`"
         raise ScenarioError(f"{run} gives no map: {error.message}; recorded: {seen}") from error
+
+
+def _is_scan(entry: RecordedMessage) -> bool:
+    return entry.schema == schemas.SCAN.name
 
 
 def _poses(entries: Iterable[RecordedMessage]) -> _Poses:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from eal_actors.device.data import EALData
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.clock import ScaledClock
@@ -23,8 +24,11 @@ from eal_actors.recording import (
     draw_trajectory,
     film_run,
     keep_provenance,
+    messages,
     picture,
+    schemas,
 )
+from eal_actors.recording.mcap_file import McapFile, read_mcap
 from eal_actors.recording.picture import tick_quarter_turns
 from eal_actors.recording.poses import TrajectoryTable
 from eal_actors.recording.provenance import kept_scenario
@@ -260,3 +264,15 @@ def test_a_kept_scenario_finds_those_that_it_runs_whatever_its_suffix(tmp_path: 
     run.mkdir()
     keep_provenance(run, Fleet.load("sim").config, load_scenario(tmp_path / "top.yml"))
     assert load_scenario(kept_scenario(run)).size == 3
+
+
+def test_a_topic_whose_values_become_of_another_kind_has_a_channel_for_each(tmp_path: Path) -> None:
+    """A reader takes a message for one of its channel's schema."""
+    file = McapFile(tmp_path / "run.mcap")
+    scan = messages.scan_message(0.0, "a", [1.0, 2.0], [0.0, 1.0])
+    file.write("/a/Lidar", schemas.SCAN, 0.0, scan)
+    file.write("/a/Lidar", schemas.VALUE, 1.0, messages.value_message(1.0, EALData.of([1.0, 2.0, 3.0])))
+    file.write("/a/Lidar", schemas.SCAN, 2.0, scan)
+    file.close()
+    found = read_mcap(tmp_path / "run.mcap").messages
+    assert [message.schema for message in found] == [schemas.SCAN.name, schemas.VALUE.name, schemas.SCAN.name]
