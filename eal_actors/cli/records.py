@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from itertools import islice, zip_longest
 from pathlib import Path
@@ -169,6 +169,8 @@ def replay_run(
     if planned:
         print_line(stdout(), f"the scenario cannot run on it: the paths of its {planned} are not in a record", "yellow")
     else:
+        for module in _python_modules(run, fleet):
+            print_line(stdout(), f"first: {shlex.join(['cp', str(module), str(file.parent)])}", "dim")
         print_line(stdout(), f"next: {following}", "dim")
     if serve:
         robots = list(recorded.infos)
@@ -195,8 +197,8 @@ def _replay_fleet(
             robots[name]["address"] = f"tcp/127.0.0.1:{port + number}"
     fleet = recorded.content.metadata.get("run", {}).get("fleet", player)
     rate = rate or (kept.rate if kept is not None and (port is None or kept.rate != MAX) else 1.0)
-    seed = {} if kept is None else {"seed": kept.seed}
-    return {"version": 1, "name": fleet, **seed, "clock": {"rate": rate}, "types": types, "robots": robots}
+    same = {} if kept is None else {"seed": kept.seed, "python_steps": list(kept.python_steps)}
+    return {"version": 1, "name": fleet, **same, "clock": {"rate": rate}, "types": types, "robots": robots}
 
 
 def _kept_fleet(run: Path) -> FleetConfig | None:
@@ -222,6 +224,14 @@ def _planned_trips(run: Path) -> str:
     report = RunFolder.open(run).summary
     steps = report.steps if report is not None else ()
     return ", ".join(dict.fromkeys(step.kind for step in steps if step.kind in _TRIPS and step.command is None))
+
+
+def _python_modules(run: Path, fleet: Mapping[str, Any]) -> list[Path]:
+    """Return the modules of python steps that are beside the fleet file of a run, where a run looks for them."""
+    report = RunFolder.open(run).summary
+    folder = Path(report.fleet_file).parent if report is not None else run
+    names = dict.fromkeys(step.partition(":")[0] for step in fleet.get("python_steps", ()))
+    return [file for name in names if (file := folder / f"{name}.py").is_file()]
 
 
 @contextmanager

@@ -69,6 +69,8 @@ def resolved_fleet(config: FleetConfig) -> dict[str, Any]:
     content |= {"name": config.name, "seed": config.seed, "clock": {"rate": config.rate}}
     if config.world is not None:
         content["world"] = WORLD
+    if config.map_path is not None:
+        content["map"] = str(config.map_path.resolve())
     if config.plugin_dirs:
         content["plugin_dirs"] = [str(folder) for folder in config.plugin_dirs]
     return dict(_without_secrets(content))

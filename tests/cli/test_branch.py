@@ -8,8 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 import pytest
 
+import eal_actors
+from eal_actors.device.navigation.grid import FREE, GridOrigin, OccupancyGrid
+from eal_actors.device.navigation.map_file import save_map
 from eal_actors.recording import RunFolder, first_difference
 from eal_actors.recording.mcap_file import read_mcap
 
@@ -138,22 +142,84 @@ def test_a_branch_changes_parameters_faults_and_the_scenario(eal: Any, run: Path
 
 
 @pytest.mark.slow
-def test_bisect_finds_the_commit_that_changed_the_record(eal: Any, run: Path, tmp_path: Path) -> None:
-    def git(*words: str) -> None:
-        subprocess.run(["git", "-c", "user.name=a", "-c", "user.email=a@b.c", *words], cwd=tmp_path, check=True)
+def commit(repository: Path, title: str, *names: str) -> None:
+    """Commit files, or all of them, to a repository, which is made first."""
+    identity = ("-c", "user.name=a", "-c", "user.email=a@b.c")
+    for words in (
+        ("init", "-q"),
+        (
+            "add",
+            *(names or "."),
+        ),
+        (*identity, "commit", "-q", "-m", title),
+    ):
+        subprocess.run(["git", *words], cwd=repository, check=True)
 
-    git("init", "-q")
+
+def test_bisect_finds_the_commit_that_changed_the_record(eal: Any, run: Path, tmp_path: Path) -> None:
     scenario = tmp_path / "legs.yaml"
     for number in range(6):
         text = scenario.read_text()
         text = text.replace("l30", "l45") if number == 3 else text + f"# comment {number}\n"
         scenario.write_text(text)
-        git("add", "legs.yaml")
-        git("commit", "-q", "-m", f"change {number}")
+        commit(tmp_path, f"change {number}", "legs.yaml")
     result = eal("bisect", run, "--good", "HEAD~5", "--bad", "HEAD")
     assert result.exit_code == 1, result.output
     assert "change 3" in result.stdout
     assert "'send_cmd Base l30', now 'send_cmd Base l45'" in " ".join(result.stdout.split())
+
+
+def test_bisect_runs_the_framework_of_each_commit(
+    eal: Any, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The working directory is the framework's repository, whose own files are those of the newest commit."""
+    repository = tmp_path / "framework"
+    package = repository / "eal_actors"
+    package.mkdir(parents=True)
+    real = Path(eal_actors.__file__).parent
+    content = f"import sys\n__path__ = [{str(real)!r}]\nexec(open({str(real / '__init__.py')!r}).read())\n"
+    (package / "__main__.py").write_text((real / "__main__.py").read_text())
+    for number in range(3):
+        changed = f"sys.argv += ['--seed', '9']  # {number}\n" if number else ""
+        (package / "__init__.py").write_text(content + changed)
+        commit(repository, f"change {number}")
+    monkeypatch.chdir(repository)
+    result = eal("bisect", run, "--good", "HEAD~2", "--bad", "HEAD")
+    assert result.exit_code == 1, result.output
+    assert "change 1" in result.stdout
+    assert "seed" in result.stdout
+
+
+STEPS = """\
+    def greet(context):
+        context.log("hello")
+"""
+
+
+def test_a_run_with_a_map_and_python_steps_repeats(
+    eal: Any, write: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both are beside the fleet file, and not beside the copy in the run's folder."""
+    (tmp_path / "sub").mkdir()
+    monkeypatch.chdir(tmp_path / "sub")
+    save_map(OccupancyGrid(np.full((80, 80), FREE, np.int8), 0.05, GridOrigin(-2.0, -2.0)), tmp_path / "floor.yaml")
+    text = SCENARIO.replace("{leg_m: ", "{quick: {type: bool, default: true}, leg_m: ") + "      - python: ms:greet\n"
+    write("legs.yaml", text), write("other.yaml", f"{text}# the same\n")
+    write("pair.yaml", FLEET + "    map: floor.yaml\n    python_steps: [ms:greet]\n"), write("ms.py", STEPS)
+    done = eal("run", tmp_path / "legs.yaml", "--fleet", tmp_path / "pair.yaml", "--no-plot", "--bind", "all=bob")
+    assert done.exit_code == 0, done.output
+    (run,) = Path("runs").iterdir()
+    done = eal("branch", run, "--at", "1", "--set", "leg_m=0.3")
+    assert done.exit_code == 0, done.output
+    done = eal("bisect", run, "--good", tmp_path / "legs.yaml", "--bad", tmp_path / "other.yaml")
+    assert done.exit_code == 0, done.output
+    assert "no difference" in done.stdout
+    commit(tmp_path, "good", "legs.yaml", "ms.py")
+    write("ms.py", STEPS.replace("hello", "bye"))
+    commit(tmp_path, "bad", "ms.py")
+    done = eal("bisect", run, "--good", "HEAD~1", "--bad", "HEAD")  # in a folder of the repository
+    assert done.exit_code == 1, done.output
+    assert "'hello', now 'bye'" in done.stdout
 
 
 TRACKED = """\

@@ -7,6 +7,7 @@ import pty
 import re
 import shlex
 import signal
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,23 @@ def test_the_command_that_it_names_runs_the_scenario_again_on_the_record(eal: An
     again = eal(*command[1:], "--runs-dir", tmp_path / "again", "--no-plot")
     assert again.exit_code == 0, again.output
     assert "send_cmd Base f0.1  done after" in again.stdout
+
+
+def test_python_steps_beside_the_fleet_file_work_on_the_record(
+    eal: Any, write: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write("greetings.py", "def greet(context):\n    context.log('hello')\n")
+    write("fleet.yaml", "version: 1\ninclude: [sim]\nclock: {rate: max}\npython_steps: ['greetings:greet']\n")
+    scenario = write("short.yaml", scenario_of("python: greetings:greet", role="all"))
+    assert eal("run", scenario, "--fleet", "fleet.yaml", "--no-plot").exit_code == 0
+    (run,) = Path("runs").iterdir()
+    told = eal("replay", run).stdout
+    first, following = (shlex.split(line.partition(": ")[2]) for line in told.splitlines()[1:])
+    subprocess.run(first, check=True)
+    again = eal(*following[1:], "--no-plot")
+    assert again.exit_code == 0, again.output
+    assert "hello" in again.stdout
 
 
 def test_a_run_with_planned_paths_names_no_command_that_would_be_refused(eal: Any, write: Any, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import shutil
 import subprocess
@@ -71,17 +72,24 @@ def _git(*arguments: str) -> str:
     return done.stdout
 
 
+def _archived(file: Path, top: Path, root: Path) -> Path | None:
+    """Return a file of the repository in the folder with one of its commits; None if it is not in the repository."""
+    found = file.resolve()
+    return root / found.relative_to(top) if found.is_relative_to(top) else None
+
+
 class _Versions:
     """Runs versions, and compares their records."""
 
     def __init__(self, run: Path, folder: Path) -> None:
         self._past = read_input(run)
+        self._steps = [self._past.config.source.parent] if self._past.config.python_steps else []
         self._run = run
         self._folder = folder
         self._made: dict[str, RunFolder] = {}
 
     def compare_files(self, good: str, bad: str, on_version: OnVersion) -> Bisection:
-        one, other = (self._record(name, Path(name), None) for name in (good, bad))
+        one, other = (self._record(name, Path(name), self._steps) for name in (good, bad))
         first = first_difference(one, other)
         on_version(bad, first is None)
         return Bisection(bad, first, 2)
@@ -112,32 +120,35 @@ class _Versions:
             return self._made[commit]
         root = self._folder / commit
         root.mkdir()
-        archive = subprocess.run(["git", "archive", commit], capture_output=True, timeout=_GIT_S, check=False)  # noqa: S603, S607  # the user's own git
+        top = Path(_git("rev-parse", "--show-toplevel").strip())
+        archive = subprocess.run(["git", "archive", commit], capture_output=True, timeout=_GIT_S, check=False, cwd=top)  # noqa: S603, S607  # the user's own git
         if archive.returncode:
             raise ScenarioError(f"git archive: {archive.stderr.decode(errors='replace').strip()}")
         with tarfile.open(fileobj=io.BytesIO(archive.stdout)) as files:
             files.extractall(root, filter="data")
-        top = Path(_git("rev-parse", "--show-toplevel").strip())
-        source = Path(self._past.report.scenario_file).resolve()
-        kept = root / source.relative_to(top) if source.is_relative_to(top) else self._past.scenario.source
-        framework = root if (root / _PACKAGE / "__main__.py").is_file() else None
-        made = self._record(commit, kept, framework)
+        scenario = _archived(Path(self._past.report.scenario_file), top, root) or self._past.scenario.source
+        framework = [root] if (root / _PACKAGE / "__main__.py").is_file() else []
+        if framework and not scenario.is_file():
+            scenario = self._past.scenario.source
+        steps = [_archived(folder, top, root) or folder for folder in self._steps]
+        made = self._record(commit, scenario, [*framework, *steps])
         shutil.rmtree(root)
         return made
 
-    def _record(self, name: str, scenario: Path, framework: Path | None) -> RunFolder:
-        """Run a version in a process of its own, and return its record."""
+    def _record(self, name: str, scenario: Path, modules: Sequence[Path]) -> RunFolder:
+        """Run a version in a process of its own, and return its record; `modules` are folders to import from."""
         if not scenario.is_file():
             raise ScenarioError(f"{name} has no scenario {scenario.name}")
         runs = self._folder / f"runs-{len(self._made)}"
-        given = [f"{key}={value}" for key, value in self._past.report.parameters.items()]
+        parameters = self._past.report.parameters.items()
+        given = [f"{key}={value if isinstance(value, str) else json.dumps(value)}" for key, value in parameters]
         bound = [f"{role}={','.join(names)}" for role, names in self._past.binding.items() if names]
         words = ["run", str(scenario), "--fleet", str(self._run / FLEET), "--rate", "max", "--no-plot"]
         words += ["--runs-dir", str(runs), *(word for text in given for word in ("--set", text))]
         words += [word for text in bound for word in ("--bind", text)]
-        path = os.pathsep.join(filter(None, [str(framework or ""), os.environ.get("PYTHONPATH", "")]))
-        environment = {**os.environ, **({"PYTHONPATH": path} if path else {})}
-        command = [sys.executable, "-m", _PACKAGE, *words]
+        path = os.pathsep.join([*(str(folder.resolve()) for folder in modules), os.environ.get("PYTHONPATH", "")])
+        environment = {**os.environ, "PYTHONPATH": path.removesuffix(os.pathsep)}
+        command = [sys.executable, "-P", "-m", _PACKAGE, *words]  # -P: the framework is not the one in this directory
         try:
             done = subprocess.run(command, capture_output=True, text=True, timeout=_RUN_S, env=environment, check=False)  # noqa: S603  # this program
         except subprocess.TimeoutExpired as error:
