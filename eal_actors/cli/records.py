@@ -162,16 +162,11 @@ def replay_run(
         recorded = RecordedRun.open(run / RECORD_FILE)
         fleet = _replay_fleet(recorded, run, rate=chosen, loop=loop, port=port if serve else None)
         file = out or run / _REPLAY
-        planned = _planned_trips(run)
-        following = shlex.join(_next_command(run, file))
+        following = list(_next_lines(run, fleet, file))
     _write_text(file, yaml.safe_dump(fleet, sort_keys=False, allow_unicode=True))
     print_line(stdout(), f"{file}: {counted(len(recorded.infos), 'robot')}, {recorded.duration_s:.1f} s")
-    if planned:
-        print_line(stdout(), f"the scenario cannot run on it: the paths of its {planned} are not in a record", "yellow")
-    else:
-        for module in _python_modules(run, fleet):
-            print_line(stdout(), f"first: {shlex.join(['cp', str(module), str(file.parent)])}", "dim")
-        print_line(stdout(), f"next: {following}", "dim")
+    for line in following:
+        print_line(stdout(), line)
     if serve:
         robots = list(recorded.infos)
         serve_replay(read_fleet(file, robots), robots, recorded.duration_s, loops=loop)
@@ -208,6 +203,16 @@ def _kept_fleet(run: Path) -> FleetConfig | None:
     except ConfigError as error:
         get_logger().warning("the robots get no types and tags: the run's fleet file is invalid", reason=str(error))
         return None
+
+
+def _next_lines(run: Path, fleet: Mapping[str, Any], file: Path) -> Iterator[Text]:
+    """Yield the commands that run the scenario of a run on its record, or why it cannot."""
+    if planned := _planned_trips(run):
+        yield Text(f"the scenario cannot run on it: the paths of its {planned} are not in a record", "yellow")
+        return
+    for module in _python_modules(run, fleet):
+        yield Text(f"first: {shlex.join(['cp', str(module), str(file.parent)])}", "dim")
+    yield Text(f"next: {shlex.join(_next_command(run, file))}", "dim")
 
 
 def _next_command(run: Path, fleet: Path) -> list[str]:
