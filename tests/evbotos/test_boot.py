@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import random
 import shutil
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.log import get_logger
 from evbotos import slots
 from evbotos.disk import MIB, parts_of
@@ -18,6 +15,7 @@ from evbotos.model import EmulatorLoader
 from evbotos.qemu import Machine
 from evbotos.shell import run as run_tool
 from evbotos.shell import run_binary
+from tests.evbotos.power_cuts import prove_cut_update
 from tests.evbotos.proof import (
     SERVES,
     Proof,
@@ -25,7 +23,6 @@ from tests.evbotos.proof import (
     first_answer_s,
     parse_choice,
     ssh,
-    ssh_words,
     started,
     wait_for_words,
     wait_until,
@@ -36,7 +33,6 @@ from tests.evbotos.proofs import (
     prove_stick,
     prove_updates,
     restart,
-    status,
     stick_with,
     update_of,
     wait_for_good,
@@ -151,27 +147,4 @@ def test_a_pc_starts_by_its_uefi_from_an_nvme_disk_and_is_updated(proof: Proof, 
 
 @pytest.mark.parametrize("seed", [*range(2), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 40))])
 def test_the_power_may_go_at_any_instant_of_an_update(proof: Proof, disk: Path, tmp_path: Path, seed: int) -> None:
-    update = update_of(proof, tmp_path)
-    cut_at = 1.3 * random.Random(seed).random()  # noqa: S311  # of its bytes; beyond 1, in its last steps and the restart
-    with started(proof, disk) as machine:
-        wait_for_words(machine, SERVES)
-        size = update.stat().st_size
-        sender = subprocess.Popen(
-            [*ssh_words(proof, machine), "evbotos-update install - && reboot"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        assert sender.stdin is not None
-        with sender.stdin as pipe:
-            pipe.write(update.read_bytes()[: int(size * min(cut_at, 1.0))])
-            pipe.flush()
-            if cut_at > 1.0:
-                pipe.close()
-            REAL_TIME.sleep(max(0.0, cut_at - 1.0) * 30.0)
-            machine.kill()
-        sender.kill()
-        sender.wait(60)
-    with started(proof, disk) as machine:
-        wait_for_words(machine, SERVES)
-        assert status(proof, machine).startswith("running ")
+    prove_cut_update(proof, disk, tmp_path, seed)

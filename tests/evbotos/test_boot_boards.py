@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +12,7 @@ from eal_actors.kernel.log import get_logger
 from evbotos.definitions import load_definitions
 from evbotos.qemu import Machine
 from tests.evbotos.odometer import built_module
+from tests.evbotos.power_cuts import prove_cut_starts, prove_cut_update
 from tests.evbotos.proof import (
     SERVES,
     Proof,
@@ -21,15 +21,13 @@ from tests.evbotos.proof import (
     first_answer_s,
     started,
     wait_for_words,
-    wait_until,
 )
-from tests.evbotos.proofs import RESETS_NOT, prove_square, prove_stick, prove_updates, wait_for_good
+from tests.evbotos.proofs import prove_square, prove_stick, prove_updates
 from tests.evbotos.refusals import prove_refusal
 from tests.evbotos.test_buses import AS_USER, does
 
 BOARDS = ("beagle-armhf", "pc104-i686", "qemu-arm64", "raspberry-pi", "raspberry-pi-5")
 SEED = 7
-CUTS = 12
 SET_CHANNEL = """
 import pathlib
 channel = pathlib.Path("/sys/class/pwm/pwmchip0/pwm0")
@@ -111,15 +109,11 @@ def test_a_refused_update_never_starts_on_the_board(proof: Proof, tmp_path: Path
 
 
 def test_the_power_may_go_at_any_instant_of_a_start(proof: Proof, tmp_path: Path) -> None:
-    if proof.platform.name in RESETS_NOT:
-        pytest.skip("QEMU does not start this board anew by itself")
     disk = Path(shutil.copyfile(proof.built.folder / "disk.img", tmp_path / "disk.img"))
-    generator = random.Random(SEED)  # noqa: S311  # instants
-    for number in range(CUTS):
-        cut_s = generator.uniform(0.2, 5.0)
-        with started(proof, disk) as machine:
-            wait_until(machine, f"cut {number} after {cut_s:.2f} s", lambda: machine.computed_s() > cut_s)  # noqa: B023
-            machine.kill()
-    with started(proof, disk) as machine:
-        wait_for_words(machine, SERVES)
-        wait_for_good(proof, machine, "a")
+    prove_cut_starts(proof, disk, SEED)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_power_may_go_at_any_instant_of_an_update(proof: Proof, tmp_path: Path, seed: int) -> None:
+    disk = Path(shutil.copyfile(proof.built.folder / "disk.img", tmp_path / "disk.img"))
+    prove_cut_update(proof, disk, tmp_path, seed)
