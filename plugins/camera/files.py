@@ -31,10 +31,6 @@ class _Recording(Capture):
 class VideoFile(_Recording):
     """An open video file. It plays at its own rate.
 
-    Args:
-        path: the file.
-        loop: restart at the end.
-
     Raises:
         OSError: it is not a readable video.
     """
@@ -78,7 +74,6 @@ class ImageFolder(_Recording):
     """A folder of images. The order is natural: 2.png before 10.png.
 
     Args:
-        path: the folder.
         loop: restart at the end, with the present content of the folder.
         fps: images per second.
 

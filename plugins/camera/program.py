@@ -96,7 +96,6 @@ class ProgramStream(Capture):
     """A running program, whose arguments determine the size and rate of its pictures.
 
     Args:
-        arguments: the program and its arguments.
         timeout_s: real seconds without a picture after which it counts as lost.
 
     Raises:

@@ -41,7 +41,6 @@ class PictureSource:
 
     Attributes:
         address: its device path, URL, path, or command line.
-        arguments: a program and its arguments.
     """
 
     kind: SourceKind

@@ -18,8 +18,6 @@ class PictureStream:
     """The server of a camera's pictures, two a second, from a client's request until it hangs up.
 
     Args:
-        camera: a simulated camera.
-        clock: the clock of its pictures.
         most_age_s: age of a picture, on a busy machine, from which it is made anew: a client believes that it is new.
     """
 

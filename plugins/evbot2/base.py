@@ -34,7 +34,6 @@ class Base(DifferentialBase):
     Args:
         session: the session with the base; this resource polls it.
         odometer: holds the wheel calibration.
-        drivetrain: the parameters of the base.
         context: of the plugin, for motions to a pose.
     """
 

@@ -56,8 +56,6 @@ class EvBotPlugin(FactoryPlugin):
     """An EvBot at the other end of a port.
 
     Args:
-        context: of the plugin.
-        session: the session with the base.
         odometer: counts its wheels.
         base: makes the base.
         others: make what only this EvBot has.

@@ -38,7 +38,6 @@ class Firmware:
     Args:
         model: 2 for the EvBot II, 3 for the EvBot III.
         wheels: the wheel model, for the greeting.
-        actuators: by channel.
         senses: returns the numbers of the status after those of the actuators.
         boot: a new number for each power-up, 1..65535; the first lease follows from it.
 
@@ -149,9 +148,6 @@ class Firmware:
 
 class BaseEmulator:
     """An emulated base: firmware with a codec, bytes in, bytes out.
-
-    Args:
-        codec: the wire codec.
 
     Attributes:
         nonsense: the number of intact but invalid requests.

@@ -29,7 +29,6 @@ class Odometer:
 
     Args:
         track_m: nominal distance of the wheels.
-        calibration: the wheel calibration.
         localizer: receives the pose at each status.
 
     Attributes:

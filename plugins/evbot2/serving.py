@@ -18,7 +18,6 @@ class FaultyWire:
     """Loses, duplicates and reorders messages in one direction; a delayed message arrives with a later one.
 
     Args:
-        random: the random generator.
         loss: share of the messages that are lost, 0..1.
         duplicate: share of the others that arrive twice, the second time possibly much later, 0..1.
         reorder: share of the others that are delayed, 0..1.
@@ -72,8 +71,6 @@ class ServedBase:
 
     Args:
         now_s: returns the device's time, the same as that of its vehicle.
-        incoming: the wire for requests.
-        outgoing: the wire for replies.
     """
 
     def __init__(

@@ -56,8 +56,6 @@ class BaseSession:
 
     Args:
         port: to the base.
-        codec: the wire codec.
-        clock: the fleet's clock.
         model: the expected model, 2 or 3.
         channels: its channels, in the order of the greeting.
         poll_hz: polls a second.

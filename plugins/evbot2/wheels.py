@@ -72,7 +72,6 @@ class WheelModel:
     Attributes:
         track_m: nominal distance of the wheels.
         step_m: travel of a wheel from one count of its encoder to the next.
-        max_speed_m_s: greatest speed of a wheel.
         acceleration_m_s2: of each wheel.
     """
 
@@ -122,8 +121,6 @@ class WheelController(Actuator):
     """Controls both wheels.
 
     Args:
-        vehicle: the motors and encoders.
-        model: the wheel parameters.
         tick_s: nominal tick interval while it is busy.
     """
 

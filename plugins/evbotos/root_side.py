@@ -24,7 +24,6 @@ class RootSide:
 
     Args:
         state: the folder with the program's socket, and the pipe that starts it.
-        clock: the fleet's clock.
     """
 
     def __init__(self, state: Path, clock: Clock) -> None:

@@ -33,11 +33,7 @@ _AHEAD_S: Final = 0.5
 
 
 class Base(VelocityBase):
-    """Drives or flies the vehicle; get_status: 0 stands, 1 moves.
-
-    Args:
-        link: to the vehicle.
-    """
+    """Drives or flies the vehicle; get_status: 0 stands, 1 moves."""
 
     def __init__(self, context: PluginContext, link: MavLink) -> None:
         settings: Settings = context.settings

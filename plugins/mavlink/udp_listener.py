@@ -15,8 +15,6 @@ class UdpListener:
     """A BytePort that listens: it answers the vehicle's last address. Datagrams are read as bytes.
 
     Args:
-        host: the address to listen at.
-        port: likewise.
         system: of the vehicle; other senders are not answered.
     """
 

@@ -71,11 +71,7 @@ class MqttReceived:
 
 
 class TopicInbox:
-    """The newest messages of one topic.
-
-    Attributes:
-        topic: its name.
-    """
+    """The newest messages of one topic."""
 
     def __init__(self, topic: str, depth: int, max_bytes: int) -> None:
         self.topic: Final = topic
@@ -111,8 +107,6 @@ class MqttConnection:
     """A connection to a broker; subscribe, then `open` it.
 
     Args:
-        settings: of the broker.
-        clock: the fleet's clock.
         name: identifies the client at the broker; no other may have it.
         will: what the broker publishes if the connection is lost without a farewell.
         greeting: is published whenever the connection is open; a farewell of `close` goes with it.

@@ -39,9 +39,6 @@ class MqttReader(Resource):
     """The newest message of a topic.
 
     Args:
-        settings: the topic.
-        inbox: its messages.
-        clock: the fleet's clock.
         why_not_ready: of the connection and the device.
     """
 

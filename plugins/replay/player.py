@@ -11,11 +11,6 @@ from eal_actors.recording.recorded_run import RecordedRun
 class Player:
     """Plays one record for all its robots. Its time starts at its creation and follows the fleet's clock.
 
-    Args:
-        run: the record.
-        clock: the fleet's clock.
-        loop: begin again at the end.
-
     Thread: any.
     """
 

@@ -29,7 +29,6 @@ class Replayed(Resource):
     does not hold, such as configurations, is not supported.
 
     Args:
-        player: plays the record.
         robot: the robot's name in the record.
         resource: the resource's name in the record.
     """

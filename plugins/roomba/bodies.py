@@ -143,11 +143,6 @@ class FreeDrive:
         now_s: returns the time in seconds.
         wheelbase_m: effective distance of the wheels.
         acceleration_m_s2: of each wheel.
-
-    Attributes:
-        left: the left wheel.
-        right: the right wheel.
-        is_stuck: whether the wheels cannot turn.
     """
 
     brake_factor = 1.0
@@ -199,7 +194,6 @@ class FreeRoombaBody(FreeDrive, RoombaBody):
 
     Args:
         now_s: returns the time in seconds.
-        wheelbase_m: distance of its wheels.
         acceleration_m_s2: of each wheel.
 
     Attributes:

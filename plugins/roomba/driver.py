@@ -43,8 +43,6 @@ class RoombaDriver(Listener):
     """Commands and readings over one link, for several resources with their own threads.
 
     Args:
-        link: to the Roomba.
-        clock: the fleet's clock.
         mode: the mode to drive in: safe or full.
         poll_hz: readings a second.
         name: the robot's name, for frames.

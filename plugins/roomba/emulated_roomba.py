@@ -72,11 +72,9 @@ class EmulatedRoomba(ABC):
         violations: bytes lost during pauses.
         refused: number of commands that were invalid, or not allowed in its mode.
         complaints: the latest invalid commands.
-        baud_rate: its baud rate.
         songs: the notes of each stored song.
         pressed: the pressed buttons; a test or a simulation sets them.
         brushes: the cleaning motors: side brush, vacuum, main brush.
-        is_asleep: whether it sleeps and ignores input.
 
     Thread: its owner's; none of it blocks.
     """

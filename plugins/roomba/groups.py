@@ -160,7 +160,6 @@ class PowerGroup:
         charging_state: place in CHARGING_STATES.
         voltage_mv: of the battery, 0..65535.
         current_ma: negative while it is discharged.
-        temperature_c: of the battery.
         charge_mah: the remaining charge.
         capacity_mah: the charge when full.
     """

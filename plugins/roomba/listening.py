@@ -38,14 +38,11 @@ class Listener(ABC):
     """Readings over a link, for several resources with their own threads. Exactly one of them polls.
 
     Args:
-        link: to the Roomba.
-        clock: the fleet's clock.
         poll_hz: readings a second.
         name: the robot's name, for frames.
         wheelbase_m: nominal distance of its wheels.
 
     Attributes:
-        calibration: of its wheels.
         localizer: receives the pose by odometry with each reading.
 
     Thread: any; one lock, which is never held during a wait.

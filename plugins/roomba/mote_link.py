@@ -35,8 +35,6 @@ class MoteLink(PortLink):
 
     Args:
         port: of the base mote; its read must not wait.
-        clock: the fleet's clock.
-        framing: the form of the packets.
         tries: number of transmissions of a packet before the link fails.
     """
 

@@ -106,7 +106,6 @@ class MotionProgress:
     """The progress of a motion: from the encoders at each reading, extrapolated by the speeds commanded since.
 
     Attributes:
-        velocity_mm_s: the commanded speed.
         stalled_s: time without an encoder count while the wheels are driven, until the latest reading.
     """
 

@@ -8,11 +8,7 @@ from eal_actors.plugin import wrapped_rad
 
 
 class DeadReckoning:
-    """A pose in the plane, x and y in metres and yaw in radians counter-clockwise, from the wheels' travels.
-
-    Args:
-        wheelbase_m: distance of the wheels.
-    """
+    """A pose in the plane, x and y in metres and yaw in radians counter-clockwise, from the wheels' travels."""
 
     def __init__(self, wheelbase_m: float) -> None:
         self._wheelbase_m = wheelbase_m

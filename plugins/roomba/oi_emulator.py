@@ -45,13 +45,7 @@ RESET_TEXT: Final = b"bl-start\r\nSTR730\r\nbootloader id: #x47186549 82ECCFFF\r
 
 
 class OiEmulator(EmulatedRoomba):
-    """A Create 2; see EmulatedRoomba.
-
-    Attributes:
-        lights: the last setting of the lights.
-        digits: the text of the display.
-        wheelbase_m: distance of the body's wheels.
-    """
+    """A Create 2; see EmulatedRoomba."""
 
     data_bytes = MappingProxyType({**{op: DATA_BYTES.get(op, 0) for op in Op}, **_EXTRA_BYTES})
     accepted_in = MappingProxyType(

@@ -13,11 +13,6 @@ class RoombaReading:
 
     Attributes:
         stamp_s: a lower bound of the time of measurement, in seconds of the fleet's clock.
-        contacts: bumpers, cliffs, drops and walls.
-        power: its battery.
-        pressed: the buttons that are pressed.
-        left_m: the left wheel's total travel.
-        right_m: the right wheel's total travel.
         stands: whether neither wheel has turned for a while.
         pose: by dead reckoning from the start: x in m, y in m, yaw in rad.
     """

@@ -49,7 +49,6 @@ class Reply(NamedTuple):
     """One reply.
 
     Attributes:
-        group: the sensor group.
         data: its bytes.
         asked_s: the time of its request, or of an earlier one.
         jitter_s: by how much it may be later than usual after that time.

@@ -67,7 +67,6 @@ class TravelJudge:
         is_checked: whether the line has checksums, so that no command is damaged.
 
     Attributes:
-        model: of the wheels.
         doubt: bound of the error of the total travel; it only grows.
     """
 

@@ -27,9 +27,6 @@ class Base(VelocityBase):
     """Drives the robot; get_status: 0 stands, 1 moves.
 
     Args:
-        drivetrain: from the settings.
-        publisher: of the velocities.
-        odometer: closes the motions.
         navigator: drives to a place by Nav2; None for our own closed loop.
         stamped: whether velocities carry a header.
     """

@@ -139,8 +139,6 @@ class SubscribedFeed:
     Args:
         topic: fully qualified.
         period_s: real seconds from one message to the next.
-        ask: asks for the content.
-        publish: publishes it.
     """
 
     def __init__(

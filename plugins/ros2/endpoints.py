@@ -69,7 +69,6 @@ class Received:
     """A message as it arrived.
 
     Attributes:
-        message: the decoded message.
         sent_ns: when its publisher sent it, by its clock in nanoseconds since 1970; None if it does not say.
     """
 
@@ -82,7 +81,6 @@ class RosSubscription:
 
     Attributes:
         topic: the fully qualified name.
-        kind: the message type.
     """
 
     def __init__(

@@ -74,10 +74,8 @@ class Entity:
         node_id: number of the node in the session.
         entity_id: number of the entity in the session.
         namespace: of the node, such as `/lab`; `/` for none.
-        node: the node's name.
         topic: fully qualified name of the topic or service; empty for a node, like the rest.
         type_name: as in keys.
-        type_hash: of the type.
         qos: see `quality`.
     """
 

@@ -119,10 +119,6 @@ class ServiceType:
 
     Attributes:
         name: such as `std_srvs/srv/SetBool`.
-        type_hash: its hash.
-        dds_name: its name in keys.
-        request: the request's type.
-        response: the response's type.
     """
 
     def __init__(self, types: MessageTypes, name: str) -> None:

@@ -42,8 +42,6 @@ class TopicReader:
     """The newest message of one topic, decoded when it is read.
 
     Args:
-        subscription: the topic.
-        clock: the fleet's clock.
         timeout_s: silence after which it is not ready; None for none.
     """
 

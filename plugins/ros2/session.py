@@ -42,7 +42,6 @@ class RosSession:
 
     Args:
         endpoint: of the router, such as `tcp/127.0.0.1:7447`.
-        domain: the ROS domain.
         config: a zenoh configuration file, for certificates; its endpoints are replaced.
 
     Raises:

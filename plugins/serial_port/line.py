@@ -35,7 +35,6 @@ class Line(Resource):
     """Sends and receives bytes; get_status: the number of bytes to read.
 
     Args:
-        clock: the fleet's clock.
         timeout_s: longest wait of a read or a write.
     """
 

@@ -97,7 +97,6 @@ class SerialPort(Line):
     Args:
         url: see Settings.port.
         framing: the initial line format.
-        clock: the fleet's clock.
         timeout_s: longest wait of a read or a write.
     """
 

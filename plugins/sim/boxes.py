@@ -24,11 +24,9 @@ class SimBox:
 
     Args:
         number: index among the world's boxes, from 0.
-        space: its physics space.
 
     Attributes:
         name: from the world file.
-        model: its part of the world file.
         shape: its shape in the space.
     """
 

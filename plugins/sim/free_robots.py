@@ -155,9 +155,6 @@ class FreeRobot(ABC):
 class FreeRobots(Generic[_R]):
     """The robots that drive freely at present.
 
-    Args:
-        tick_s: length of a physics tick.
-
     Attributes:
         robots: the robots, in the order of the columns.
     """

@@ -53,7 +53,6 @@ class BatteryModel:
         empty_v: its voltage without load when it is empty.
         flat_v: its voltages without load at 10 % and at 90 %, linear in between.
         full_v: its voltage without load when it is full.
-        resistance_ohm: internal resistance.
         idle_a: current of the standing robot.
         drive_as_m: additional charge for driving, in ampere-seconds per metre of mean wheel travel.
     """
@@ -73,8 +72,6 @@ class TurretModel:
 
     Attributes:
         turn_rate_deg_s: initial turn rate.
-        max_turn_rate_deg_s: greatest turn rate.
-        acceleration_deg_s2: acceleration and deceleration.
     """
 
     turn_rate_deg_s: float
@@ -95,17 +92,14 @@ class Make:
         speed_m_s: initial speed.
         max_speed_m_s: greatest speed, also of each wheel.
         turn_rate_deg_s: initial turn rate.
-        max_turn_rate_deg_s: greatest turn rate.
         acceleration_m_s2: acceleration and deceleration of each wheel.
         push_n: greatest push force before its wheels slip.
         encoder_step_m: travel of a wheel from one step of its encoder to the next.
         errors: wheel errors after a calibration.
         raw_errors: wheel errors before a calibration.
         turn_noise_rad: standard deviation of each turn in place, in addition to the wheel errors.
-        battery: its battery model.
         body_colour: red, green and blue.
         camera_height_m: of its camera over the floor.
-        turret: its turret, if it has one.
     """
 
     name: MakeName

@@ -138,7 +138,6 @@ class Move(WheelMotion):
         left: factor from the profile to the left wheel; below 0 for backwards.
         right: factor from the profile to the right wheel.
         profile: the travel of each wheel.
-        tick_s: length of a physics tick.
     """
 
     def __init__(self, left: float, right: float, profile: Trapezoid, tick_s: float) -> None:
@@ -222,7 +221,6 @@ class SimWheels:
 
     Attributes:
         turned_m: total commanded travel in either direction, the mean of both wheels.
-        normals: the random numbers.
         shares: the share of its command that the left and the right wheel turn: below 1 for weak motors.
         stalls_ahead: something blocks the way: they do not turn forward.
     """

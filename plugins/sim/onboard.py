@@ -26,7 +26,6 @@ class SimulatedRobotCamera:
     """A camera that a robot of the world carries. Thread: any.
 
     Args:
-        lens: the camera's lens.
         offset_m: distance of the camera ahead of the robot's axis.
     """
 

@@ -18,7 +18,6 @@ class SimBattery:
     """A battery, drained by time and by driving. It is computed on access.
 
     Args:
-        model: the battery model of the make.
         fraction: initial charge, 0..1.
         since_s: the world's time at which it had that charge.
 
@@ -105,7 +104,6 @@ class SimTurret:
     """A massless joint with limited rate and acceleration, independent of the robot's motion. Computed on access.
 
     Args:
-        model: the turret model of the make.
         now_s: returns the world's time, in seconds.
 
     Thread: every member is for the holder of the world's lock.

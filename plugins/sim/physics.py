@@ -85,11 +85,9 @@ class ContactEngine:
     """The physics engine: standing robots, sliding boxes and pushing robots.
 
     Args:
-        tick_s: length of a physics tick.
         on_contact: called with the name of a robot and that of what it begins to touch.
 
     Attributes:
-        boxes: the movable boxes.
         space: the engine's space; queried only to decide which robots push.
     """
 
@@ -170,7 +168,6 @@ class ContactSearch:
 
     Args:
         engine: holds everything that stands, slides or pushes.
-        tick_s: length of a physics tick.
     """
 
     def __init__(self, engine: ContactEngine, tick_s: float) -> None:
@@ -287,9 +284,7 @@ class ProximityReporter:
     After a report, a robot is skipped until something may have come nearer than the gap that the observer asked for.
 
     Args:
-        queries: the current places of everything.
         observer: receives the gaps.
-        tick_s: length of a physics tick.
 
     Attributes:
         is_stale: whether something was placed since the last report.

@@ -87,8 +87,6 @@ class SimulatedPort:
     """A port with the five members of pyserial's that drivers use. Thread: any; does not block.
 
     Args:
-        world: the world of the robot.
-        robot: the robot behind the emulator.
         emulate: creates the emulator of a vehicle. The emulator has `feed(data, now_s) -> reply`. If it also has
             `is_busy` and `tick(now_s)`, it is ticked at every physics tick while it is busy.
     """

@@ -34,11 +34,8 @@ class SimRobot(FreeRobot):
     """A disc that is driven by two wheels, or stands with its brakes on.
 
     Args:
-        name: the robot's name.
         noise: whether its wheels have the errors of its make.
         group: collision group, over 0 and unique in the world: queries skip the robot's own shape.
-        seed: the fleet's seed.
-        tick_s: length of a physics tick.
         now_s: returns the world's time, in seconds.
         charge: initial charge of its battery, 0..1.
         joined_s: the world's time at which it has that charge.
@@ -46,10 +43,7 @@ class SimRobot(FreeRobot):
     Attributes:
         next_pose: its pose after the present tick, if nothing is in its way.
         clear_until_tick: it cannot touch anything before this tick of the world.
-        tick_s: length of a physics tick.
         localizer: its pose estimate, once a Pose resource exists.
-        turret: its turret, if it has one.
-        sensor_generator: the noise source of all its sensors.
         slipped_m: how far its wheels have turned in vain since its motion began.
         report_ticks: it notes its odometry for the pose estimate every so many ticks while driven: often enough that
             readings in between leave no trace in later estimates.

@@ -15,9 +15,7 @@ class VelocityDrive(WheelMotion):
 
     Args:
         speeds_m_s: initial speeds of the left and the right wheel.
-        targets_m_s: the speeds to reach.
         hold_s: the targets become 0 after this time; None for never.
-        tick_s: length of a physics tick.
     """
 
     def __init__(

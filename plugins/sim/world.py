@@ -50,14 +50,10 @@ class SimWorld:
     each other: a motion lasts whole ticks, whatever thread steps the world and however often.
 
     Args:
-        clock: the fleet's clock.
-        seed: the fleet's seed.
         model: size, obstacles and tick rate; None for an empty room.
         observer: receives the gaps around the robots; None for no reports.
 
     Attributes:
-        model: the world file's model.
-        tick_s: length of a physics tick.
         lock: guards all of the world. Take it by `with world.lock`, and call `catch_up` inside. A method that
             takes it and returns would lose it to an AbandonedThread or KeyboardInterrupt before the block begins.
         version: increases whenever a robot or a box may have another pose. Thread: holds `lock`.

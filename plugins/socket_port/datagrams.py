@@ -21,7 +21,6 @@ class Datagrams(Line):
 
     Args:
         port: opens UdpPorts.
-        clock: the fleet's clock.
         timeout_s: longest wait of a read.
     """
 

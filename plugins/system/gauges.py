@@ -162,7 +162,6 @@ class Network(Resource):
 
     Args:
         interface: which; None for all but the loopback.
-        clock: the fleet's clock.
         period_s: how often it is read.
     """
 

@@ -40,19 +40,15 @@ class CameraTracker:
     """Follows markers in the pictures of one camera.
 
     Args:
-        name: the camera's name.
-        family: of the markers.
         groups: size and height of the markers on robots, by id.
         floor: corners of the floor markers in the map frame, (4, 3), by id.
         problems: receives what is wrong.
 
     Attributes:
-        name: the camera's name.
         sightings: the markers on robots in the newest picture, by id.
         detections: all markers in the newest picture.
         stamp_s: the newest picture's time of exposure; None before the first.
         picture: the newest picture; None before the first, and where the markers are known without one.
-        whole_searches: number of searches of whole pictures.
 
     Thread: one at a time.
     """

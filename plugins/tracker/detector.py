@@ -31,7 +31,6 @@ class Detection:
     """A marker in a picture.
 
     Attributes:
-        number: its id.
         corners: in pixels, top left and then clockwise as the print is read, (4, 2).
     """
 
@@ -44,8 +43,6 @@ class Found:
     """The result of a search for markers in a picture.
 
     Attributes:
-        detections: the markers.
-        is_whole: whether the whole picture was searched.
         mirrored: ids of markers that the picture shows mirrored; None if nobody looked for them.
     """
 

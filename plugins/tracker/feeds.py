@@ -94,7 +94,6 @@ class SimulatedFeed(PictureFeed):
     """Pictures of a simulated world.
 
     Args:
-        camera: the simulated camera.
         name: its name in the fleet, for the log of pictures.
         services: have the fleet's clock, and perhaps that log.
         fps: pictures are at least 1 / fps apart; None for a picture of the moment of each call.

@@ -27,7 +27,6 @@ class FloorPicture(Resource):
     """The floor as a map: what stands on it leans away from the cameras.
 
     Args:
-        tracker: has the pictures.
         size_m: of the world's rectangle, along x and y.
     """
 

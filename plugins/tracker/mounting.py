@@ -64,7 +64,6 @@ class MountingEstimator:
     Corners are averaged over pictures while the camera stands still, which reduces their noise.
 
     Args:
-        lens: the camera's lens.
         places: corners of each floor marker in the map frame, (4, 3), by id.
 
     Attributes:

@@ -31,7 +31,6 @@ class TrackingProblem:
     Attributes:
         camera: the camera's name; empty if it is about all of them.
         marker: the marker's id; None if it is about a camera.
-        text: what is wrong, and what to do.
         since_s: when it began, by the fleet's clock.
     """
 

@@ -24,12 +24,7 @@ from .tracker import Tracker
 
 
 class FixesSensor(Resource):
-    """Poses of the robots in view, by their markers.
-
-    Args:
-        tracker: finds them.
-        clock: the fleet's clock.
-    """
+    """Poses of the robots in view, by their markers."""
 
     types = ResourceType.SENSOR
     value = ValueInfo(DataType.DOUBLE, shape=(None, 13), description="marker, x_m, y_m, yaw_rad, covariance by rows")
@@ -68,7 +63,6 @@ class TrackedPicture(Resource):
     """The newest pictures side by side, with the found markers drawn in.
 
     Args:
-        tracker: finds the markers.
         robot: the tracker's name in the fleet.
     """
 

@@ -26,8 +26,6 @@ class Sighting:
     """A marker in the map frame.
 
     Attributes:
-        number: its id.
-        fit: its place and yaw.
         corners: in pixels, (4, 2).
         stamp_s: time of exposure.
         speed: of x, y and yaw, in m/s and rad/s, (3,).

@@ -32,7 +32,6 @@ class Fix:
     """The pose of a robot by its marker.
 
     Attributes:
-        marker: the marker's id.
         pose: x_m, y_m and yaw_rad of the robot in the map frame, (3,).
         covariance: of the pose, (3, 3).
         cameras: the cameras that see the marker.
@@ -64,7 +63,6 @@ class Tracker:
 
     Args:
         robot: the tracker's name in the fleet, for the log.
-        family: of the markers.
         groups: the markers on robots.
         floor: the markers on the floor.
         carried: the markers that robots of the fleet carry, to be reported while out of view; all of `groups` if empty.

@@ -31,11 +31,7 @@ _WHEEL_CONFIGS: Final = frozenset({"twist_timeout_s", "wheelbase_m", "track_fact
 
 
 class Base(DifferentialBase):
-    """Drives the AGV by orders; get_status: 0 stands, 1 has an order or moves, 2 is held.
-
-    Args:
-        link: to the AGV.
-    """
+    """Drives the AGV by orders; get_status: 0 stands, 1 has an order or moves, 2 is held."""
 
     value = None  # type: ignore[assignment]  # no velocities
 

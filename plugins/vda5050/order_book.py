@@ -24,9 +24,6 @@ class OrderBook:
         action_types: that nodes may have.
 
     Attributes:
-        order_id: of the last order.
-        update_id: of its last update.
-        last_node: the last node that was passed.
         nodes: those still to be passed, first the released ones.
         edges: those still to be left.
     """

@@ -21,7 +21,6 @@ class OrderDriver:
     """Drives to nodes with `goto`, under the robot's lease, which is released when the order is over.
 
     Args:
-        book: its order.
         report: receives errors and action states.
     """
 

@@ -22,10 +22,7 @@ class OrderLimits:
     """How an order is to be driven.
 
     Attributes:
-        speed_m_s: greatest speed.
-        turn_rate_rad_s: greatest turn rate.
         deviation_m: distance from a node at which it counts as reached.
-        is_reverse: whether the AGV drives backwards.
     """
 
     speed_m_s: float
@@ -91,14 +88,7 @@ def instant(action_type: str, action_id: str) -> AgvAction:
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """How far an order is.
-
-    Attributes:
-        is_accepted: whether the AGV has it.
-        is_done: whether the AGV has arrived and stands.
-        passed: nodes that are passed.
-        text: for people.
-    """
+    """How far an order is."""
 
     is_accepted: bool
     is_done: bool = False

@@ -29,11 +29,7 @@ _MOST_ACTIONS: Final = 100
 
 
 class FleetVehicle:
-    """One robot as an AGV.
-
-    Args:
-        clock: the fleet's clock.
-    """
+    """One robot as an AGV."""
 
     def __init__(self, robot: RobotHandle, settings: BridgeSettings, clock: Clock) -> None:
         self._robot = robot

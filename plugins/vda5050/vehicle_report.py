@@ -22,7 +22,6 @@ class VehicleReport:
 
     Attributes:
         is_due: whether something has changed since `is_due` was cleared.
-        errors: the present errors.
     """
 
     def __init__(self, robot: str) -> None:

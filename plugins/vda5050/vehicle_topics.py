@@ -20,7 +20,6 @@ class VehicleTopics:
 
     Args:
         name: its serial number, the robot's name.
-        clock: the fleet's clock.
     """
 
     def __init__(self, name: str, settings: BridgeSettings, clock: Clock) -> None:

@@ -57,8 +57,6 @@ class Eye:
     """A level camera in the world's frame.
 
     Attributes:
-        x_m: its x.
-        y_m: its y.
         z_m: its height over the floor.
         yaw_rad: its viewing direction, counter-clockwise from the x axis.
     """

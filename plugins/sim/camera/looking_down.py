@@ -47,8 +47,6 @@ class MarkerPlate:
     """A printed marker in a world, face up, on a white plate.
 
     Attributes:
-        family: of the marker.
-        number: its id.
         size_m: side of its black square.
         x_m: its centre.
         y_m: its centre.
@@ -73,12 +71,7 @@ class MarkerPlate:
 
 @dataclass(frozen=True)
 class Instant:
-    """The moving things at one instant.
-
-    Attributes:
-        movers: the robots and boxes.
-        plates: the markers on robots.
-    """
+    """The moving things at one instant."""
 
     movers: Sequence[Mover]
     plates: Sequence[MarkerPlate]
@@ -97,9 +90,6 @@ def plate_image(family: FamilyName, number: int) -> Image:
 
 class OverheadLens:
     """The projection of a camera above the floor.
-
-    Args:
-        camera: its pose and its lens.
 
     Attributes:
         matrix: the camera matrix, (3, 3).
@@ -149,10 +139,6 @@ class OverheadLens:
 
 class OverheadRenderer:
     """Draws what a camera above the floor sees.
-
-    Args:
-        scene: the world's fixed surfaces.
-        plates: the markers on the floor.
 
     Thread: one at a time.
     """

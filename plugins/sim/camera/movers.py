@@ -46,10 +46,6 @@ class RobotAt:
     """A robot in view.
 
     Attributes:
-        appearance: of its make.
-        x_m: its x.
-        y_m: its y.
-        yaw_rad: its heading.
         head_yaw_rad: its turret's angle from straight ahead.
     """
 
@@ -68,7 +64,6 @@ class BoxAt:
         number: index among the world's boxes, from 0.
         x_m: x of its centre.
         y_m: y of its centre.
-        yaw_rad: its rotation.
     """
 
     number: int

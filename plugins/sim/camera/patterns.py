@@ -32,7 +32,6 @@ class PatternCanvas:
         columns: number of samples along.
         rows: number of samples across.
         size_m: width and height in metres, from the first sample to the last.
-        generator: the random generator.
         wraps: whether the right edge meets the left edge, as around a pillar.
     """
 

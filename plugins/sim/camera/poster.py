@@ -90,7 +90,6 @@ class Cell:
     Attributes:
         canvas: all of the poster.
         place: column and row of its upper left corner.
-        size: width and height.
         inks: two for the shape and a pale one for the ground.
         generator: of what is drawn by lot.
     """

@@ -33,9 +33,7 @@ class Scene:
     Attributes:
         light: how bright its surfaces are.
         walls: the four walls, seen from inside.
-        posters: what hangs on them.
         blocks: the blocks that do not move; no two overlap.
-        towers: the pillars and beacons.
         faces: the faces of the walls, of the posters, and of each block.
 
     Thread: any.

@@ -90,7 +90,6 @@ class Drum(NamedTuple):
 
     Attributes:
         middle: x and y in metres.
-        radius_m: of it.
         bottom_m: height of its lower end over the floor.
         height_m: of its top over the floor.
         yaw_rad: where the middle of its side's texture faces, counter-clockwise from the x axis.

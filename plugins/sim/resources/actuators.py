@@ -42,7 +42,6 @@ class Base(DifferentialBase, RobotResource):
     """Drives the robot; get_status: 0 stands, 1 moves, 2 is driven but blocked.
 
     Args:
-        world: the world of the robot.
         context: of the plugin, for motions to a pose.
     """
 

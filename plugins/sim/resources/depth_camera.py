@@ -51,10 +51,6 @@ class DepthCamera(RangingResource):
 
     A depth is measured along the camera's axis, so that a wall straight ahead has one depth all over. Colours do not
     matter: no OpenCV is needed.
-
-    Args:
-        world: the world of the robot.
-        settings: size, field of view, range and noise.
     """
 
     value = ValueInfo(DataType.FLOAT, "m", shape=(None, None), description="rows from the top")

@@ -56,9 +56,7 @@ class Faults(RobotResource):
     It is not part of the robot: it answers over a cut link, and when the robot is dead.
 
     Args:
-        world: the world of the robot.
         link: the simulated link between controllers and the robot.
-        plan: the planned faults.
         clock: the fleet's clock, which the plan follows.
         resources: the robot's resources that can freeze or fail, by fault.
     """

@@ -40,10 +40,6 @@ class Imu(RobotResource):
 
     The acceleration is what a sensor on a real robot measures: at rest 9.81 m/s^2 up. Values are means over the last
     tick of the world.
-
-    Args:
-        world: the world of the robot.
-        settings: noise and bias.
     """
 
     types = ResourceType.SENSOR

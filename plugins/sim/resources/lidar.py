@@ -48,10 +48,6 @@ class Lidar(RangingResource):
     """Distances from the robot's centre along the rays of a scan, counter-clockwise; the greatest range for no hit.
 
     All rays of a scan are measured at the same time.
-
-    Args:
-        world: the world of the robot.
-        settings: rays, field of view, range and noise.
     """
 
     value = ValueInfo(DataType.DOUBLE, "m", shape=(None,))

@@ -60,12 +60,6 @@ class Pose(PoseResource):
     """The estimated x in m, y in m and yaw in rad, in (-pi, pi], counter-clockwise from the map's x axis.
 
     The estimate begins at the robot's true place. From then on it knows what the odometry and fixes say.
-
-    Args:
-        world: the world of the robot.
-        localizer: of the robot.
-        clock: the fleet's clock.
-        is_calibrated: whether its wheels are calibrated.
     """
 
     def __init__(

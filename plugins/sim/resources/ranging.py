@@ -23,10 +23,7 @@ class RangingResource(RobotResource):
     """A sensor of distances, with normal noise and a greatest range.
 
     Args:
-        world: the world of the robot.
         noise_m: standard deviation of a distance; for a depth camera, of a depth of 1 m.
-        max_range_m: greatest range.
-        generator: source of the noise.
     """
 
     types = ResourceType.SENSOR

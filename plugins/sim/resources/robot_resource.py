@@ -19,9 +19,6 @@ _V = TypeVar("_V")
 class RobotResource(Resource):
     """A resource of one robot of the world.
 
-    Args:
-        world: the world of the robot.
-
     Attributes:
         settings_key: the plugin's setting that the robot must have for this resource, passed to the class as its third
             argument; None for resources that need none.

@@ -56,8 +56,6 @@ class WorldArrays:
         x_m: centres, shape (n,), as all the others.
         y_m: centres.
         yaw_rad: unwrapped.
-        cos: of the yaw.
-        sin: of the yaw.
         radius_m: of the disc, or of the circle around the rectangle.
         half_x_m: half of a rectangle's extent along its own x axis; 0 for a disc.
         half_y_m: likewise along its y axis.
