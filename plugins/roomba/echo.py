@@ -61,6 +61,11 @@ class CommandEcho:
                     self._sent.popleft()
                 return
 
+    @property
+    def unshown(self) -> list[tuple[int, int]]:
+        """The commands that no report has shown yet, the oldest first."""
+        return [sent.speeds_mm_s for sent in self._sent]
+
     def lag_s(self, now_s: float) -> float:
         """Return by how much a report may be late now."""
         return max(self.delay_s, now_s - self._sent[0].time_s) if self._sent else self.delay_s

@@ -46,6 +46,8 @@ _UNDER_WAY_S: Final = 0.005  # a frame of the stream
 _STREAM: Final = oi.stream(_REQUESTED)
 _PAUSE: Final = oi.stream_on(on=False)
 _ROLL_OUT_M: Final = 0.005  # what a wheel may travel beyond its highest speed between two readings
+_PUSHED_S: Final = 0.5  # between two frames further apart, a wheel turns by commands alone
+_MOST_TRAVEL_M: Final = COUNTS // 2 * METRES_A_COUNT  # beyond, the counts are ambiguous
 _RETAKE_S: Final = 1.0  # control that ends without a visible cause is taken back, but not twice within this time
 _SILENT_S: Final = 0.2  # without a frame in a motion, the interface is started again
 
@@ -149,19 +151,36 @@ class OiDriver(RoombaDriver):
     def _is_plausible(self, values: Mapping[int, int]) -> bool:
         """Return whether a frame follows the one before; an unusual one is believed if the next confirms it."""
         before = self._latest
-        if before is None or _follows(values, before, self.clock.now() - self._latest_s):
+        if before is None or self._follows(values, before, self.clock.now() - self._latest_s):
             self._unusual = None
             return _is_possible(values)
         unusual, self._unusual = self._unusual, values
-        return unusual is not None and _is_possible(values) and _follows(values, unusual, STREAM_PERIOD_S)
+        return unusual is not None and _is_possible(values) and self._follows(values, unusual, STREAM_PERIOD_S)
+
+    def _follows(self, values: Mapping[int, int], before: Mapping[int, int], duration_s: float) -> bool:
+        """Return whether the wheels and the battery can have changed so between two frames."""
+        return self._can_have_turned(values, before, duration_s) and _power(values).follows(_power(before))
+
+    def _can_have_turned(self, values: Mapping[int, int], before: Mapping[int, int], duration_s: float) -> bool:
+        """Return whether the wheels can have turned so between two frames, by the commands that it may have obeyed.
+
+        A Roomba that was switched off meanwhile counts from 0, another one from anywhere.
+        """
+        speeds_mm_s = (0, 0), (before[packets.REQUESTED_LEFT], before[packets.REQUESTED_RIGHT]), *self._echo.unshown
+        spare_m, driven_s = _most_m(min(duration_s, _PUSHED_S)), max(duration_s - _PUSHED_S, 0.0)
+        for travel_m, wheel_mm_s in zip(_counted_m(values, before), zip(*speeds_mm_s, strict=True), strict=True):
+            least_m, most_m = (speed_mm_s / 1000 * driven_s for speed_mm_s in (min(wheel_mm_s), max(wheel_mm_s)))
+            if not least_m - spare_m <= travel_m <= most_m + spare_m or most_m - least_m > _MOST_TRAVEL_M:
+                return False
+        return True
 
     def _take_values(self, values: Mapping[int, int]) -> None:
         now_s = self.clock.now()
+        left_m, right_m = self._travelled_m(values, now_s)
         self._echo.heard((values[packets.REQUESTED_LEFT], values[packets.REQUESTED_RIGHT]), now_s)
         if self._echo.is_overdue(now_s):
             self._must_repeat = True
         stamp_s = now_s - max(STREAM_PERIOD_S + _UNDER_WAY_S, self._echo.lag_s(now_s))
-        left_m, right_m = self._travelled_m(values, now_s)
         self._latest, self._latest_s = values, now_s
         if self._reading is not None:
             self._add_travel(left_m, right_m)
@@ -196,15 +215,14 @@ class OiDriver(RoombaDriver):
         """Return what the wheels travelled since the reading before."""
         if self._latest is None or self._reading is None:
             return 0.0, 0.0
-        left_m, right_m = _counted_m(values, self._latest)
-        if max(abs(left_m), abs(right_m)) > _most_m(now_s - self._latest_s):
+        if not self._can_have_turned(values, self._latest, now_s - self._latest_s):
             self._log.warning("the encoders were reset; the travel in between is unknown")
             if any(self._commanded_m_s):
                 self._interruption = "the Roomba has reset its encoders, and its travel meanwhile is unknown"
             most_m = _most_m(now_s - self._latest_s)
             self._doubt = self._doubt.plus(Travel(most_m, most_m))
             return 0.0, 0.0
-        return left_m, right_m
+        return _counted_m(values, self._latest)
 
     def _stop(self) -> None:
         super()._stop()
@@ -223,12 +241,6 @@ def _counted_m(values: Mapping[int, int], before: Mapping[int, int]) -> tuple[fl
 def _most_m(duration_s: float) -> float:
     """Return what a wheel can travel between two frames; a delayed one may be counted late."""
     return _ROLL_OUT_M + MAX_SPEED_MM_S / 1000 * (duration_s + STREAM_PERIOD_S)
-
-
-def _follows(values: Mapping[int, int], before: Mapping[int, int], duration_s: float) -> bool:
-    """Return whether the wheels and the battery can have changed so between two frames."""
-    travel_m = max(map(abs, _counted_m(values, before)))
-    return travel_m <= _most_m(duration_s) and _power(values).follows(_power(before))
 
 
 def _is_possible(values: Mapping[int, int]) -> bool:

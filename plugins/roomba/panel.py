@@ -66,12 +66,11 @@ class RoombaSong(RoombaResource, SongBook):
     """Plays songs of notes; get_status: 0 is silent, 1 plays."""
 
     places = sci.SONGS
-    """Number of songs that the Roomba stores; others are sent before they are played."""
+    """Number of songs that the Roomba stores."""
 
     def __init__(self, roomba: RoombaDriver) -> None:
         SongBook.__init__(self)
         RoombaResource.__init__(self, roomba)
-        self._stored: dict[int, int] = {}
         self._plays_until_s = roomba.clock.now()
 
     @override
@@ -95,14 +94,12 @@ class RoombaSong(RoombaResource, SongBook):
         self._songs[number] = text
 
     def _begin(self, number: int, notes: list[tuple[int, int]]) -> Activity:
-        if self._stored.get(number % self.places) != number:
-            yield from self._send_song(number, notes)
+        yield from self._send_song(number, notes)  # a Roomba that was switched off has lost it
         yield from self._roomba.command(sci.play(number % self.places))
         self._plays_until_s = self._roomba.clock.now() + duration_s(notes)
 
     def _send_song(self, number: int, notes: list[tuple[int, int]]) -> Activity:
         yield from self._roomba.command(sci.song(number % self.places, notes))
-        self._stored[number % self.places] = number
 
 
 class OiSong(RoombaSong):

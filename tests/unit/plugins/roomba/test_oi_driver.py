@@ -8,6 +8,7 @@ import pytest
 
 from eal_actors.kernel.errors import NotReadyError, ResourceFaultError, UnavailableError
 from eal_actors.plugin import EALData
+from plugins.roomba.bodies import FreeRoombaBody
 from plugins.roomba.oi import METRES_A_COUNT, WHEELBASE_M
 from plugins.roomba.oi_emulator import OiEmulator
 from plugins.roomba.panel import OiButtons, OiLeds, OiSong
@@ -195,6 +196,35 @@ def test_another_robot_at_the_same_port_moves_nobody() -> None:
     rig.port.come_back()
     rig.wait(1.0)
     assert rig.roomba.latest().left_m == pytest.approx(0.2, abs=0.003)
+
+
+@pytest.mark.parametrize("absence_s", [1.0, 5.0, 30.0, 3600.0])
+@pytest.mark.parametrize("is_driven", [False, True])
+def test_a_robot_that_was_switched_off_for_long_counts_anew(absence_s: float, is_driven: bool) -> None:
+    rig = OiRig()
+    rig.do("f4")
+    drive = rig.begin("f4", 1.0) if is_driven else None
+    before_m = rig.roomba.latest().left_m
+    rig.port.is_cut = True
+    if drive is not None:
+        with pytest.raises(UnavailableError):
+            rig.run(drive)
+    rig.wait(absence_s)
+    rig.port.emulator = rig.emulator = OiEmulator(FreeRoombaBody(rig.clock.now, WHEELBASE_M))
+    rig.port.is_cut = False
+    rig.wait(3.0)
+    assert rig.roomba.not_ready() is None
+    assert rig.roomba.latest().left_m == pytest.approx(before_m, abs=0.05)
+
+
+def test_a_robot_that_drives_on_while_its_program_is_held_up_is_followed() -> None:
+    rig = OiRig()
+    rig.base.set_config("twist_timeout_s", EALData.of(10.0))
+    rig.start(rig.base.set_value(EALData.of([0.3, 0.0])), 0.02)  # no frame has shown the command yet
+    rig.clock.advance(4.0)
+    rig.wait(0.1)
+    assert rig.roomba.latest().left_m == pytest.approx(rig.body.travel_m()[0], abs=0.05)
+    assert rig.roomba.latest().left_m > 1.0
 
 
 def test_a_motion_whose_travel_is_unknown_after_its_stop_fails() -> None:

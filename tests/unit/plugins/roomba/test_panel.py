@@ -9,6 +9,7 @@ from eal_actors.plugin import EALData
 from plugins.roomba import sci
 from plugins.roomba.panel import RoombaSong, SciLeds
 from plugins.roomba.sci import StatusLed
+from plugins.roomba.sci_emulator import SciEmulator
 from tests.unit.plugins.roomba.rig import Rig, without_polls
 
 
@@ -70,7 +71,7 @@ def test_a_song_is_stored_and_played() -> None:
     rig.run(song.send_cmd("notes", EALData.of("72:16  76:112")))
     assert song.get_status() == 0
     rig.run(song.send_cmd("play"))
-    assert list(without_polls(rig.take_sent())) == [140, 3, 2, 72, 16, 76, 112, 141, 3]
+    assert list(without_polls(rig.take_sent())) == [140, 3, 2, 72, 16, 76, 112, 140, 3, 2, 72, 16, 76, 112, 141, 3]
     assert song.send_req("notes") == "72:16  76:112"
     rig.wait(1.9)
     assert (song.get_status(), rig.emulator.playing(rig.clock.now())) == (1, 3)
@@ -79,6 +80,19 @@ def test_a_song_is_stored_and_played() -> None:
     rig.wait(0.2)
     assert (song.get_status(), rig.emulator.playing(rig.clock.now())) == (0, None)
     assert rig.emulator.refused == 0
+
+
+def test_a_roomba_that_was_switched_off_plays_the_song_again() -> None:
+    rig = Rig()
+    song = RoombaSong(rig.roomba)
+    rig.run(song.send_cmd("notes", EALData.of("60:16")))
+    rig.port.is_cut = True
+    rig.wait(3.0)
+    rig.port.emulator = rig.emulator = SciEmulator(rig.body)  # without a song
+    rig.port.is_cut = False
+    rig.wait(3.0)
+    rig.run(song.send_cmd("play"))
+    assert (song.get_status(), rig.emulator.playing(rig.clock.now())) == (1, 0)
 
 
 def test_each_number_has_a_song_of_its_own() -> None:
