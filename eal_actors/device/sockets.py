@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import select
+import selectors
 import socket
 import struct
 from typing import Final
@@ -70,9 +70,15 @@ class TcpPort:
         sent, end_s = 0, REAL_TIME.now() + _WRITE_TIMEOUT_S
         while (sent := sent + self.write_some(data[sent:])) < len(data):
             left_s = end_s - REAL_TIME.now()
-            if left_s <= 0 or not select.select([], [self._socket], [], left_s)[1]:
+            if left_s <= 0 or not self._takes_more(left_s):
                 raise TimeoutError(f"took only {sent} of {len(data)} bytes in {_WRITE_TIMEOUT_S} s")
         return len(data)
+
+    def _takes_more(self, timeout_s: float) -> bool:
+        """Wait until bytes can be sent; return whether they can."""
+        with selectors.DefaultSelector() as selector:  # `select` knows no descriptors from 1024 on
+            selector.register(self._socket, selectors.EVENT_WRITE)
+            return bool(selector.select(timeout_s))
 
     def write_some(self, data: bytes) -> int:
         """Send as many bytes as possible without waiting; return how many."""
@@ -117,7 +123,11 @@ class UdpPort:
     @property
     def in_waiting(self) -> int:
         """Return 1 if a datagram can be read, else 0."""
-        return len(select.select([self._socket], [], [], 0)[0])
+        try:
+            self._socket.recv(_MOST_WAITING, socket.MSG_PEEK)
+        except (BlockingIOError, ConnectionRefusedError):
+            return 0
+        return 1
 
     def read(self, size: int = 65536) -> bytes:  # noqa: ARG002  # a datagram is read as a whole
         """Return the next datagram; empty for none."""

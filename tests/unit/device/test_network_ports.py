@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import resource
 import select
 import socket
 from collections.abc import Iterator
@@ -12,7 +14,7 @@ import pytest
 
 from eal_actors.device.ports import BytePort, ReopeningPort
 from eal_actors.device.serial_ports import open_serial
-from eal_actors.device.sockets import TcpPort, open_tcp
+from eal_actors.device.sockets import TcpPort, UdpPort, open_tcp
 from eal_actors.kernel.errors import NotReadyError
 from tests.manual_clock import ManualClock
 from tests.unit.device.port_rig import WAIT_S, Server, drain, server
@@ -102,3 +104,29 @@ def test_a_peer_that_takes_nothing_breaks_the_port_and_never_hears_of_it(server:
         assert port.wait_until_open(WAIT_S)
         with pytest.raises(ConnectionResetError):  # what was not sent is dropped, instead of carried out late
             receive_all(peer)
+
+
+@contextmanager
+def many_descriptors() -> Iterator[None]:
+    """Take the descriptors below 1024, which is as many as `select` knows."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(2048, hard), hard))
+    taken = [os.open(os.devnull, os.O_RDONLY)]
+    try:
+        while taken[-1] < 1024:
+            taken.append(os.dup(taken[0]))
+        yield
+    finally:
+        for descriptor in taken:
+            os.close(descriptor)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+def test_ports_work_in_a_program_with_more_than_a_thousand_descriptors(server: Server) -> None:
+    with many_descriptors(), closing(open_tcp("127.0.0.1", server.port)) as tcp:
+        assert tcp.fileno() > 1024
+        with pytest.raises(TimeoutError, match="took only"):  # nobody reads
+            tcp.write(bytes(1 << 24))
+        with closing(UdpPort("127.0.0.1", 9)) as udp:
+            assert udp.in_waiting == 0
+            udp.reset_input_buffer()
