@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 _MOST_PX: Final = 800
 _PX_PER_M: Final = 100.0
+_NOWHERE: Final = -9.0  # a pixel outside any picture
 
 
 class FloorPicture(Resource):
@@ -70,7 +71,9 @@ class FloorPicture(Resource):
         assert mounting is not None  # noqa: S101  # the caller has chosen the camera by it
         known = self._pixels.get(camera.name)
         if known is None or not _is_same(known[0], mounting):
-            found = camera.lens.pixels(self._points.reshape(-1, 3), mounting.turn, mounting.shift_m)
+            seen_from = self._points.reshape(-1, 3), mounting.turn, mounting.shift_m
+            found = camera.lens.pixels(*seen_from)
+            found[~camera.lens.has_in_front(*seen_from)] = _NOWHERE
             known = mounting, found.astype(np.float32).reshape(*self._points.shape[:2], 2)
             self._pixels[camera.name] = known
         return known[1]

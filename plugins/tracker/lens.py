@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from functools import cached_property
 from typing import Final, TypeAlias
 
 import cv2
@@ -11,6 +13,7 @@ from numpy.typing import NDArray
 Floats: TypeAlias = NDArray[np.float64]
 
 _STOP: Final = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 40, 1e-8)
+_LEVEL: Final = 1e6  # the tangent of nearly a right angle
 
 
 class Lens:
@@ -57,3 +60,20 @@ class Lens:
         """
         found, _ = cv2.projectPoints(points, turn, shift_m, self.matrix, self.distortion)
         return np.asarray(found, np.float64).reshape(-1, 2)
+
+    def has_in_front(self, points: Floats, turn: Floats, shift_m: Floats) -> NDArray[np.bool_]:
+        """Return which points, given as for `pixels`, the lens can show, be it outside the picture, (n,).
+
+        `pixels` returns pixels also for points behind the camera, and for those so far from its axis that the
+        polynomials of the distortion lead back into the picture.
+        """
+        matrix, _ = cv2.Rodrigues(turn)
+        x_m, y_m, ahead_m = np.asarray(matrix, np.float64) @ points.T + shift_m.reshape(3, 1)
+        return np.asarray((ahead_m > 0) & (np.hypot(x_m, y_m) < self._widest * ahead_m))
+
+    @cached_property
+    def _widest(self) -> float:
+        """Tangent of the angle from the axis up to which points farther from it are farther from it in the picture."""
+        k1, k2, _, _, k3 = self.distortion
+        squares = np.roots([7 * k3, 5 * k2, 3 * k1, 1.0])  # of the tangents at which the radius in the picture rests
+        return math.sqrt(squares[(squares.imag == 0) & (squares.real > 0)].real.min(initial=_LEVEL**2))

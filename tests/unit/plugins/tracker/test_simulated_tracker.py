@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from eal_actors.plugin import FleetServices, PluginContext, PluginError
+from eal_actors.plugin import EALData, FleetServices, PluginContext, PluginError
 from plugins.sim.camera.looking_down import OverheadLens
 from plugins.sim.overhead import marker_height_m
 from plugins.sim.plugin import open_camera
 from plugins.tracker import plugin as tracker_plugin
+from plugins.tracker.floor import FloorPicture
 from plugins.tracker.lens import Lens
 from plugins.tracker.locating import square_corners
 from tests.manual_clock import ManualClock
@@ -201,6 +202,32 @@ def test_rays_and_pixels_of_a_lens_are_inverse() -> None:
     pixels = np.random.default_rng(3).uniform((0, 0), (1280, 960), (50, 2))
     points = np.column_stack([lens.rays(pixels), np.ones(50)])
     assert np.allclose(lens.pixels(points, np.zeros(3), np.zeros(3)), pixels, atol=1e-3)
+
+
+FOLDING = (-0.35, 0.12, 0.0, 0.0, -0.02)
+"""A distortion whose polynomial leads back into the picture from 57 degrees off the axis on."""
+
+
+def test_a_lens_shows_nothing_behind_it_and_nothing_beyond_where_its_distortion_leads_back() -> None:
+    lens, still = Lens((1280, 960), (640.0, 640.0), (639.5, 479.5), FOLDING), np.zeros(3)
+    points = np.column_stack([np.linspace(0, 3, 61), np.zeros(61), np.ones(61)])
+    count = int(lens.has_in_front(points, still, still).sum())
+    columns = lens.pixels(points, still, still)[:, 0]
+    assert 20 < count < 40
+    assert (np.diff(columns[:count]) > 0).all()
+    assert columns[count + 1] < columns[count]
+    assert not lens.has_in_front(-points, still, still).any()
+
+
+def test_the_floor_is_black_where_no_camera_looks_also_with_a_wide_lens() -> None:
+    marks = [{"id": number, "x_m": x_m, "y_m": 0.5, "size_m": 0.2} for number, x_m in ((40, -0.7), (41, 0.7))]
+    camera = {"z_m": 1.4, "fov_deg": 90.0, "distortion": FOLDING, "noise": 0.0}
+    arena = Arena(1, model=world_model({"ceiling": camera}, markers={"size_m": 0.12, "floor": marks}))
+    floor = FloorPicture(arena.tracker, arena.model.size_m).get_value()
+    assert isinstance(floor, EALData)
+    rows, columns, _ = floor.value.shape
+    assert floor.value[rows // 2, columns // 2].any()
+    assert not floor.value[:8, :8].any()  # 63 degrees off the axis
 
 
 def test_markers_without_pictures_are_where_they_are_found_in_pictures() -> None:
