@@ -220,8 +220,8 @@ class StartPose(FloorItem):
 class Physics(StrictModel):
     """The settings of the physics simulation."""
 
-    rate_hz: float = Field(default=50.0, gt=0, le=1000)
-    """Steps in a second of the fleet's clock."""
+    rate_hz: float = Field(default=50.0, ge=5, le=1000)
+    """Steps in a second of the fleet's clock. In a step of half a second, a robot would pass a thin wall."""
 
 
 MAX_PLACES: Final = 10_000

@@ -132,7 +132,7 @@ physics: {rate_hz: 0}
         "w.yaml:6:25: obstacles[2].x_m: must be a number, not '1'",
         "w.yaml:6:48: obstacles[2].radius_m: must be over 0, not 0",
         "w.yaml:7:5: obstacles[3]: start_m and end_m are the same point",
-        "w.yaml:8:20: physics.rate_hz: must be over 0, not 0",
+        "w.yaml:8:20: physics.rate_hz: must be at least 5, not 0",
     ]
 
 

@@ -40,6 +40,21 @@ def test_a_wall_holds_a_robot_and_the_motion_says_so(model: str, x_m: float) -> 
     assert robot.pose == pytest.approx([end_m - 1, 0, 0], abs=1e-6)
 
 
+@pytest.mark.parametrize("model", ["evbot2", "evbot3", "roomba"])
+def test_a_thin_wall_holds_robots_at_full_speed_at_the_lowest_rate(model: MakeName) -> None:
+    wall = {"kind": "wall", "start_m": (0, -2.5), "end_m": (0, 2.5), "thickness_m": 0.001}
+    clock, make = ManualClock(), MAKES[model]
+    world = SimWorld(clock, 0, arena(6.0, 6.0, physics={"rate_hz": 5}, obstacles=[wall]))
+    starts = [(-2.0 + 0.03 * number, -2.0 + number) for number in range(5)]
+    robots = [world.join(str(start), make, noise=False, start=(*start, 0.0)) for start in starts]
+    with world.lock:
+        for robot in robots:
+            world.drive(robot, make.max_speed_m_s, make.max_speed_m_s)
+        clock.advance(10.0)
+        world.catch_up()
+    assert max(robot.pose[0] for robot in robots) < 0.002 - make.radius_m
+
+
 def test_a_standing_robot_is_not_pushed() -> None:
     fleet = Fleet()
     mover, still = fleet.add("a", (0, 0, 0)), fleet.add("b", (0.6, 0, 0))
