@@ -55,6 +55,7 @@ class PlanGate:
         self._future: Future[Report] | None = None
         self._record: RunRecord | None = None
         self._hash = ""
+        self._aborts = 0
         self._watcher: threading.Thread | None = None
         self._is_closed = False
 
@@ -118,14 +119,25 @@ class PlanGate:
             rehearsal=dict(rehearsal),
         )
 
-    def start(self, text: str) -> StoredPlan:
+    @property
+    def aborts(self) -> int:
+        """The number of aborts so far, with or without a run."""
+        return self._aborts
+
+    def start(self, text: str, aborts: int | None = None) -> StoredPlan:
         """Start the run of an approved plan, by its hash or the beginning of it.
+
+        Args:
+            text: the hash.
+            aborts: the number of aborts when this was asked for, for an abort that comes while the plan is examined;
+                now if None.
 
         Raises:
             AccessDeniedError: it is not approved, was used, or is for another fleet or other robots.
-            ScenarioError: a run is active, or the gate is closed.
+            ScenarioError: a run is active, this start was aborted, or the gate is closed.
             EALError: the robots cannot run it now.
         """
+        aborts = self._aborts if aborts is None else aborts
         stored = self.store.find(text)
         if plan_hash(stored.text, stored.parameters, _content_of(self.fleet.config)) != stored.hash:
             raise AccessDeniedError(f"plan {stored.hash[:12]} is for another fleet, or was changed: submit it again")
@@ -139,8 +151,12 @@ class PlanGate:
                 now = ", ".join(plan.robots)
                 raise AccessDeniedError(f"plan {stored.hash[:12]} has other robots now: {now}; submit it again")
             rule = self._rule_of(stored, plan)
+            if self._aborts != aborts:
+                raise ScenarioError("aborted before it began")
             self.store.use(stored)
             self._begin(stored, plan, None if rule is None else rule.max_duration_s)
+            if self._aborts != aborts and self._run is not None:  # the abort may not have seen the run
+                self._run.abort("aborted while it began")
         get_logger().info("plan started", plan=stored.hash[:12], scenario=stored.name)
         return stored
 
@@ -184,6 +200,7 @@ class PlanGate:
 
     def abort(self, reason: str) -> bool:
         """Abort the run; return whether there is one. Thread: any; does not block."""
+        self._aborts += 1
         run, is_active = self._run, self._is_active()
         if run is not None and is_active:
             run.abort(reason)

@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-from anyio import CapacityLimiter, to_thread
+from anyio import CapacityLimiter, get_cancelled_exc_class, to_thread
 from mcp.server.mcpserver import Context, MCPServer
 from mcp.server.mcpserver.exceptions import ResourceError, ToolError
 from starlette.responses import PlainTextResponse
@@ -143,11 +143,17 @@ class AgentServer:
 
         @tool(description="Run a plan that was approved, once. Returns at its end, or after wait_s (at most 60).")
         async def run_plan(ctx: Ctx, hash: str, wait_s: float = 0.0) -> dict[str, Any]:  # noqa: A002
+            aborts = gate.aborts
+
             def run() -> dict[str, Any]:
-                gate.start(hash)
+                gate.start(hash, aborts)
                 return gate.status(wait_s)
 
-            return await self._do(ctx, "run_plan", {"hash": _line(hash)}, run)
+            try:
+                return await self._do(ctx, "run_plan", {"hash": _line(hash)}, run)
+            except get_cancelled_exc_class():  # its thread goes on, and must leave no robot moving
+                gate.abort("the agent cancelled run_plan")
+                raise
 
         @tool(description="Return the state of the last run, after waiting at most wait_s (60) for its end.")
         async def run_status(ctx: Ctx, wait_s: float = 0.0) -> dict[str, Any]:

@@ -151,6 +151,17 @@ def test_a_plan_whose_robots_have_changed_since_its_approval_does_not_run(gate: 
     assert not list(tmp_path.glob("*/events.jsonl"))
 
 
+def test_a_plan_that_is_aborted_before_it_begins_moves_nothing(gate: PlanGate) -> None:
+    plan = kept_plan(gate)
+    gate.store.decide(plan, "user tester", is_approved=True)
+    asked = gate.aborts
+    gate.abort("the agent thinks again")
+    with pytest.raises(ScenarioError, match="aborted before it began"):
+        gate.start(plan.hash, asked)
+    assert gate.status() == {"state": "none"}
+    assert gate.store.state(plan) == "approved"
+
+
 def test_nothing_begins_after_the_end_of_the_door(gate: PlanGate) -> None:
     stored = kept_plan(gate)
     gate.store.decide(stored, "user tester", is_approved=True)

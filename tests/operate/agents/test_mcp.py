@@ -209,6 +209,22 @@ def test_a_stop_waits_for_no_other_request(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_a_client_that_cancels_run_plan_aborts_the_run(tmp_path: Path) -> None:
+    async def work(agent: Agent) -> None:
+        plan = await agent.answer("submit_plan", scenario=LONG)
+        done = await asyncio.to_thread(approve, tmp_path, plan["hash"], typed=plan["hash"][:6])
+        assert done.returncode == 0, done.stderr
+        run = asyncio.create_task(agent.answer("run_plan", hash=plan["hash"], wait_s=60))
+        while (await agent.answer("run_status"))["state"] == "none":
+            pass
+        run.cancel()
+        ended = await agent.answer("run_status", wait_s=60)
+        assert (ended["outcome"], "cancelled run_plan" in ended["error"]) == ("aborted", True), ended
+
+    talk(tmp_path, work)
+
+
+@pytest.mark.slow
 def test_the_run_ends_with_a_client_that_dies(tmp_path: Path) -> None:
     """It has a request that waits for the end of the run, and says nothing before it goes."""
     (tmp_path / "hall.yaml").write_text(FLEET, encoding="utf-8")
