@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.lock_step import LockStepClock
 from eal_actors.scenario import LogLine, Report
 from tests.scenarios.rig import HEAD, ask, rigs
 from tests.scenarios.running import Watch, brief, outcomes, run
@@ -260,3 +261,39 @@ def test_who_is_at_work_when_another_fails_is_not_done(two: Fleet, tmp_path: Pat
     report = run(two, tmp_path, body, ROLES)
 
     assert (report.outcome, outcomes(report)) == ("failed", {"fast": "failed", "slow": "aborted"})
+
+
+@pytest.mark.parametrize("timeout_s", [0.7, 1, 3.3])
+def test_a_wait_ends_on_a_clock_that_jumps_although_its_polls_do_not_add_up(tmp_path: Path, timeout_s: float) -> None:
+    body = (
+        f"steps:\n- let: {{x: 0}}\n- wait_s: 0.1\n- {{wait_until: x > 1, timeout_s: {timeout_s}, on_failure: skip}}\n"
+    )
+    with rigs(tmp_path, clock=LockStepClock(), a={}) as fleet:
+        report = run(fleet, tmp_path, body)
+
+    assert [record.outcome for record in report.steps] == ["done", "skipped"]
+    assert report.duration_s == pytest.approx(0.1 + timeout_s)
+
+
+def test_a_time_limit_holds_for_a_spare_that_takes_over_inside_the_block(tmp_path: Path) -> None:
+    body = """
+        on_failure: substitute
+        steps:
+          - on: all
+            do:
+              - sequence:
+                  - wait_s: 3
+                  - send_cmd: {resource: Base, cmd: flaky}
+                  - wait_s: 100
+                timeout_s: 5
+                on_failure: skip
+              - log: on
+        """
+    body = body.replace("cmd: flaky}\n", "cmd: flaky}\n                    on_failure: substitute\n")
+    head = HEAD.replace("all: {}", "all: {spares: 1}")
+    with rigs(tmp_path, clock=LockStepClock(), a={"failures": 1}, b={}) as fleet:
+        report = run(fleet, tmp_path, body, head)
+
+    assert (report.outcome, outcomes(report)) == ("done", {"a": "replaced", "b": "done"})
+    assert report.duration_s == pytest.approx(8), "it starts anew for the spare, and counts once"
+    assert ("sequence", "skipped", 1) in brief(report, "b")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from eal_actors.actors.future import Future
@@ -24,6 +24,7 @@ class StepAction:
         command: the text argument of the call, or None.
         is_begun: it has gone further than evaluating its expressions.
         began_s: when it began, in seconds since the run's start, if it had to wait for others first.
+        robot: the one that performs it, or None; inside a block, a spare may take over.
         late: outside of `on`, the robots that were at work when its time was up.
         role: outside of `on`, the role whose robots it moves, by its name in the main scenario; None for none.
         path: where the record keeps its readings; None if the step itself is in the record.
@@ -41,6 +42,10 @@ class StepAction:
     late: Sequence[Participant] = ()
     role: str | None = None
     path: str | None = None
+    robot: Participant | None = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.robot = self.context.robot
 
     def attempt(self) -> Coroutine:
         """Perform the step once; raise EALError if the attempt failed."""

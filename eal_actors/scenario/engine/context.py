@@ -11,7 +11,7 @@ from typing import Any, Final, TypeVar
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.clock import ROUNDING_S, Clock
 from eal_actors.kernel.log import get_logger
 from eal_actors.scenario.engine.frames import ExecutionContext, Frame, Participant, RoleSlot
 from eal_actors.scenario.engine.loop import Coroutine, EventLoop
@@ -254,7 +254,7 @@ class RunContext:
         end_s = self.pauses.active_s() + timeout_s
         while not future.done():
             left_s = end_s - self.pauses.active_s()
-            if left_s <= 1e-9:
+            if left_s <= ROUNDING_S:
                 return False
             either: Future[None] = Future(self.clock)
             future.add_done_callback(lambda _, done=either: done.set())  # type: ignore[misc]  # a default binds it now

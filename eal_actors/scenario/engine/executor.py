@@ -131,6 +131,7 @@ def perform_within(
         group = StepGroup(run, context, "all", timeout_s)
         here = replace(context, task=task, attempt=task if repeats else context.attempt)
         yield from group.perform([(task, inside(here))])
+        action.robot = context.robot
         if task.error is not None:
             raise task.error
         if group.late is not None:
@@ -179,15 +180,22 @@ class StepGroup:
             yield from self._stop_rest()
 
     def _wait_within(self, timeout_s: float) -> Coroutine:
-        """Wait until they are over, or the time is up."""
-        try:
-            is_over = yield from self._run.wait_within(self._context, self._over, timeout_s)
-        except CallCancelledError:  # they are being stopped as well
-            yield self._over
-            return
-        if not is_over:
-            robots = dict.fromkeys(robot for task in self._left for robot in task.robots())
-            self.late = [robot for robot in robots if robot.outcome is None]
+        """Wait until they are over, or the time is up; it starts anew for a spare that takes over."""
+        run, context = self._run, self._context
+        robot, end_s = context.robot, run.pauses.active_s() + timeout_s
+        while True:
+            try:
+                if (yield from run.wait_within(context, self._over, end_s - run.pauses.active_s())):
+                    return
+                break
+            except CallCancelledError:
+                if not run.may_begin(context):  # they are being stopped as well
+                    yield self._over
+                    return
+            if context.robot is not robot:
+                robot, end_s = context.robot, run.pauses.active_s() + timeout_s
+        robots = dict.fromkeys(robot for task in self._left for robot in task.robots())
+        self.late = [robot for robot in robots if robot.outcome is None]
 
     def _ended(self, task: StepTask, error: BaseException | None) -> None:
         run = self._run
@@ -234,12 +242,9 @@ class _Execution:
     _is_quiet: bool
     is_done: bool = False
 
-    def __post_init__(self) -> None:
-        self._robot = self._context.robot
-
     @property
     def _name(self) -> str | None:
-        return self._robot.name if self._robot is not None else None
+        return self._action.robot.name if self._action.robot is not None else None
 
     def perform(self) -> Generator[Future[Any], None, bool]:
         """Perform the step; return False if a spare has replaced the robot and must perform it again."""
@@ -265,8 +270,8 @@ class _Execution:
         if spans.tracer is None or self._is_quiet:
             return None
         about = {"eal.step": self._path, "eal.label": self._action.label}
-        if self._robot is not None:
-            about["eal.robot"] = self._robot.name
+        if self._name is not None:
+            about["eal.robot"] = self._name
         return spans.tracer.begin(f"step {self._step.kind}", about)
 
     def _started(self, time_s: float) -> StepStarted:
@@ -284,19 +289,19 @@ class _Execution:
         )
 
     def _attempts(self) -> Generator[Future[Any], None, tuple[int, StepFailure | None]]:
-        attempts, robot = 0, self._robot
+        attempts, action = 0, self._action
         failure: StepFailure | None = None
         while True:
             attempts += 1
-            losses = len(robot.losses) if robot is not None else 0
+            losses = len(action.robot.losses) if action.robot is not None else 0
             try:
-                yield from self._action.attempt()
+                yield from action.attempt()
             except EALError as caught:
                 error = caught
             else:
                 return attempts, None
             if failure is None:
-                failure = StepFailure(self._step, self._path, self._action, robot, error)
+                failure = StepFailure(self._step, self._path, action, error)
             if not (yield from failure.repeats(error, attempts, losses)):
                 return attempts, failure
 

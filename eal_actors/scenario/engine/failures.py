@@ -24,21 +24,22 @@ from eal_actors.scenario.report.summary import ErrorReport, StepOutcome
 class StepFailure:
     """The failed attempts of one step by one robot, and what follows; `error` is why the last attempt failed."""
 
-    def __init__(
-        self, step: FallibleModel, path: str, action: StepAction, robot: Participant | None, error: EALError
-    ) -> None:
+    def __init__(self, step: FallibleModel, path: str, action: StepAction, error: EALError) -> None:
         self.error = error
         self._run = action.run
         self._context = context = action.context
         self._path = path
         self._action = action
-        self._robot = robot
         own, attempt = step.on_failure, context.attempt
         is_inside = attempt is not None and (attempt.repeats is step or own is None)
         self._attempt = attempt if is_inside and not context.is_finally else None
         self._policy: OnFailure = "drop" if context.is_finally else context.effective_policy(own)
         self._policy = "abort" if self._attempt is not None else self._policy
         self._retries = self._policy.retry if isinstance(self._policy, RetryPolicy) else 0
+
+    @property
+    def _robot(self) -> Participant | None:
+        return self._action.robot
 
     def repeats(self, error: EALError, attempts: int, losses: int) -> Generator[Future[Any], None, bool]:
         """Return whether another attempt follows the one that failed, after the pause before it.

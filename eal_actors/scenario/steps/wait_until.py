@@ -8,6 +8,7 @@ from typing import ClassVar, Final
 from pydantic import PositiveFloat
 from typing_extensions import override
 
+from eal_actors.kernel.clock import ROUNDING_S
 from eal_actors.kernel.errors import DeadlineError
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
@@ -44,7 +45,7 @@ class WaitUntilStep(WaitingStep, kind="wait_until"):
             if to_plain(evaluate(expression, names), self.wait_until):
                 return
             left_s = end_s - run.pauses.active_s()
-            if left_s <= 0:
+            if left_s <= ROUNDING_S:  # a sleep of less would not advance a clock that jumps
                 seen = describe_names(expression, names)
                 raise DeadlineError(f"{self.wait_until} did not become true within {timeout_s:g} s{seen}")
             yield from run.sleep(context, min(self.poll_s, left_s))
