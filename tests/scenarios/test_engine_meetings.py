@@ -4,10 +4,12 @@ from pathlib import Path
 
 import pytest
 
+from eal_actors.actors.future import Future
 from eal_actors.facade.fleet import Fleet
+from eal_actors.facade.synchronized_start import DelayMeter
 from eal_actors.kernel.lock_step import LockStepClock
-from eal_actors.scenario import LogLine, Report, Signalled, StartedTogether
-from tests.scenarios.rig import HEAD, rigs
+from eal_actors.scenario import LogLine, Report, Run, Signalled, StartedTogether, make_plan
+from tests.scenarios.rig import HEAD, rigs, scenario
 from tests.scenarios.running import ON, Watch, brief, outcomes, records, run
 
 TWO_ROLES = HEAD.replace("all: {}", "all: {}\n  quick: {tags: [quick]}\n  heavy: {tags: [heavy]}")
@@ -190,3 +192,76 @@ def test_an_abort_ends_every_wait(two: Fleet, tmp_path: Path, step: str) -> None
     assert outcomes(report) == {"fast": "failed", "slow": "aborted"}
     assert records(report, "slow")[0].outcome == "aborted"
     assert report.duration_s < 100
+
+
+def test_a_spare_that_takes_over_a_command_begins_it_alone_and_is_there_for_the_next(tmp_path: Path) -> None:
+    head = HEAD.replace("all: {}", "all: {spares: 1, on_failure: substitute}")
+    with rigs(tmp_path, clock=LockStepClock(), a={"failures": 1}, b={}, c={}) as fleet:
+        body = f"""{ON}
+    - {{send_cmd: {{resource: Base, cmd: flaky}}, together: true}}
+    - {{send_cmd: {{resource: Base, cmd: now}}, together: true}}
+"""
+        report = run(fleet, tmp_path, body, head)
+
+    assert outcomes(report) == {"a": "replaced", "b": "done", "c": "done"}
+    assert [set(start.begins) for start in report.starts] == [{"a", "b"}, {"b", "c"}]
+
+
+def test_a_start_is_reported_although_a_value_of_a_robot_cannot_be_sent(two: Fleet, tmp_path: Path) -> None:
+    body = f"""on_failure: skip\n{ON}
+    - let: {{x: "[1, 'a'] if index else 3"}}
+    - {{set_value: {{resource: Base, value: "${{x}}"}}, together: true}}
+"""
+    report = run(two, tmp_path, body)
+
+    assert [record.outcome for record in report.steps] == ["skipped", "done"]
+    (start,) = report.starts
+    assert [begin is None for begin in start.begins.values()] == [True, False]
+
+
+def test_a_robot_that_leaves_while_a_start_is_agreed_leaves_the_others_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with rigs(tmp_path, clock=LockStepClock(), a={}, b={}) as fleet:
+        monkeypatch.setattr(DelayMeter, "ping", lambda _: [Future(fleet.clock)])  # nobody answers for 0.5 s
+        body = f"""on_failure: drop\n{ON}
+    - parallel:
+        - - {{send_cmd: {{resource: Base, cmd: now}}, together: true}}
+        - - wait_s: 0.1
+          - expect: index == 1
+"""
+        report = run(fleet, tmp_path, body)
+
+    assert outcomes(report) == {"a": "dropped", "b": "done"}
+    assert brief(report, "b")[-1] == ("send_cmd Base now", "done", 1)
+
+
+def test_loops_leave_nothing_behind(tmp_path: Path) -> None:
+    """Meetings, signals and parts of passes that are over take no memory."""
+    part = "steps:\n- signal: here\n- on: all\n  do: [{barrier: inside, timeout_s: 1}]\n"
+    (tmp_path / "part.yaml").write_text(HEAD + part)
+    body = """steps:
+- repeat: 30
+  do:
+    - scenario: part.yaml
+    - if: 1 == 1
+      then: [{wait_for: never, timeout_s: 0.01, default: 0}]
+    - on: all
+      until: never
+      do:
+        - sequence: [{barrier: outside, timeout_s: 1}]
+          timeout_s: 5
+- if: 1 == 2
+  then: [{signal: never}]
+"""
+    with rigs(tmp_path, clock=LockStepClock(), a={}, b={}) as fleet:
+        over = Run(make_plan(scenario(tmp_path, body), fleet), fleet)
+        assert over.start().get().outcome == "done"
+
+    context = over._run
+    frames = {frame for frame, _ in (*context.signals.counts, *context.signals.values)}
+    assert frames <= {context.main}
+    assert not [futures for futures in context.signals._waiting.values() if futures]
+    assert len(context.barriers._expected) <= 1
+    assert not context.barriers._inside
+    assert len(context.main.meets) < 20

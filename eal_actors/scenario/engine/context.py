@@ -350,6 +350,7 @@ class RunContext:
     def _keep(self, more: int) -> None:
         if more > 0 and self._kept + more > _MAX_KEPT:
             raise WorkLimitError(f"the variables of this run hold more than {_MAX_KEPT} items and characters")
+        self.signals.forget(frame)
         self._kept += more
 
     # Halting.

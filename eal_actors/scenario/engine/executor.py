@@ -168,14 +168,18 @@ class StepGroup:
             parent.children[task] = None
         for task, _ in tasks:
             run.barriers.enter(task)
+        frame, signal = self._context.frame, None
         if self._until not in ("all", "first"):
-            run.signals.wait(self._context.frame, self._until).add_done_callback(lambda _: self._over.set())
+            signal = run.signals.wait(frame, self._until)
+            signal.add_done_callback(lambda _: self._over.set())
         for task, coroutine in tasks:
             run.loop.spawn(coroutine, partial(self._ended, task))
         if self._timeout_s is None:
             yield self._over
         else:
             yield from self._wait_within(self._timeout_s)
+        if signal is not None:
+            run.signals.withdraw(frame, self._until, signal)
         if self._left:
             yield from self._stop_rest()
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -173,7 +173,7 @@ class Frame:
         outer: the frame that it is part of; None for the main one.
         signals: its signals that are forwarded to the outer frame, by their names there.
         slot: of the robot that runs it alone, in all of its roles; None if its roles have robots of their own.
-        meets: by its id, each list of steps and the meetings in it, found once.
+        meets: by its id, each step of the scenario and the meetings in it, found once.
     """
 
     scenario: Scenario
@@ -183,7 +183,7 @@ class Frame:
     outer: Frame | None = None
     signals: Mapping[str, str] = field(default_factory=dict)
     slot: RoleSlot | None = None
-    meets: dict[int, tuple[Sequence[Step], frozenset[Hashable]]] = field(default_factory=dict, init=False)
+    meets: dict[int, frozenset[Hashable]] = field(default_factory=dict, init=False)
 
     @property
     def timeout_s(self) -> float | None:

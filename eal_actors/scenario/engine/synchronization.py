@@ -14,18 +14,16 @@ from eal_actors.scenario.report.events import RunEvent, RunPaused, RunResumed
 
 
 def find_meetings(frame: Frame, steps: Sequence[Step]) -> frozenset[Hashable]:
-    """Return the keys of the meetings among steps and the steps inside them."""
-    if (known := frame.meets.get(id(steps))) is not None:
-        return known[1]
-    keys: set[Hashable] = set()
-    for step in steps:
-        if (key := step.meeting(frame)) is not None:
-            keys.add(key)
-        for _, inner in step.children():
-            keys |= find_meetings(frame, inner)
-    found = frozenset(keys)
-    frame.meets[id(steps)] = steps, found  # kept, so that no other list gets its id
-    return found
+    """Return the keys of the meetings among steps of a frame's scenario and the steps inside them."""
+    return frozenset[Hashable]().union(*(_meetings_of(frame, step) for step in steps))
+
+
+def _meetings_of(frame: Frame, step: Step) -> frozenset[Hashable]:
+    if (known := frame.meets.get(id(step))) is None:
+        key = step.meeting(frame)
+        own = frozenset[Hashable](() if key is None else (key,))
+        known = frame.meets[id(step)] = own.union(*(find_meetings(frame, inner) for _, inner in step.children()))
+    return known
 
 
 @dataclass(eq=False)
@@ -68,8 +66,12 @@ class Barriers:
             if parent is not None and key in parent.meets:
                 self._inside[key, parent] -= 1
                 if not self._inside[key, parent]:
+                    del self._inside[key, parent]
                     expected[parent] = None
             self._release(key)
+            if not expected:
+                del self._expected[key]
+                self._present.pop(key, None)
 
     def arrive(self, key: Hashable, task: StepTask) -> Future[Meeting]:
         """Return a future that is done when all expected tasks are present."""
@@ -104,18 +106,17 @@ class Signals:
         self.counts: dict[tuple[Frame, str], int] = {}
         self.values: dict[tuple[Frame, str], Any] = {}
         self._clock = clock
-        self._waiting: dict[tuple[Frame, str], list[tuple[int, Future[Any]]]] = {}
+        self._waiting: dict[tuple[Frame, str], dict[Future[Any], int]] = {}
 
     def give(self, frame: Frame, name: str, value: Any) -> int:
         """Give a signal; return how often it was given so far."""
         key = (frame, name)
         count = self.counts[key] = self.counts.get(key, 0) + 1
         self.values[key] = value
-        waiting = self._waiting.pop(key, [])
-        self._waiting[key] = [(wanted, future) for wanted, future in waiting if wanted > count]
-        for wanted, future in waiting:
-            if wanted <= count:
-                future.set(value)
+        waiting = self._waiting.get(key, {})
+        for future in [future for future, wanted in waiting.items() if wanted <= count]:
+            del waiting[future]
+            future.set(value)
         return count
 
     def wait(self, frame: Frame, name: str, count: int = 1) -> Future[Any]:
@@ -125,8 +126,18 @@ class Signals:
         if self.counts.get(key, 0) >= count:
             future.set(self.values[key])
         else:
-            self._waiting.setdefault(key, []).append((count, future))
+            self._waiting.setdefault(key, {})[future] = count
         return future
+
+    def withdraw(self, frame: Frame, name: str, future: Future[Any]) -> None:
+        """Stop waiting; it has no effect once the signal was given."""
+        self._waiting.get((frame, name), {}).pop(future, None)
+
+    def forget(self, frame: Frame) -> None:
+        """Forget the signals of a scenario that is over."""
+        for table in (self.counts, self.values, self._waiting):
+            for key in [key for key in table if key[0] is frame]:
+                del table[key]
 
 
 class PauseControl:

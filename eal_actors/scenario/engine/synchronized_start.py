@@ -118,9 +118,11 @@ def join_start(
     if start is None:
         start = met.agreement = SynchronizedStart(run, path, met.tasks)
         run.loop.spawn(start.agree(), lambda error: run.fail(error) if error is not None else None)
+    agreed: Future[None] = Future(run.clock)  # its own, which a stop of this robot alone may cancel
+    start.agreed.add_done_callback(lambda _: agreed.set())
     try:
-        yield from run.wait(context, start.agreed)
-        start.agreed.get()
+        yield from run.wait(context, agreed)
+        agreed.get()
     except CallCancelledError:
         if context.robot is not None:
             start.end(context.robot, None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
@@ -215,7 +216,8 @@ class CallStep(TimedStep):
 
     @override
     def perform(self, run: RunContext, context: ExecutionContext, path: str) -> Coroutine:
-        yield from perform_step(run, context, self, path, partial(_CallAction, run, context, self, path))
+        make = partial(_CallAction, run, context, self, path, _TogetherState())
+        yield from perform_step(run, context, self, path, make)
 
 
 class StartStep(CallStep):
@@ -257,15 +259,24 @@ def _answer_info(method: str, info: ResourceInfo, given: Mapping[str, Any]) -> V
     return None
 
 
+@dataclass
+class _TogetherState:
+    """Whether a step with `together` has met the others: another attempt, or a spare, begins alone."""
+
+    has_met: bool = False
+
+
 class _CallAction(StepAction):
     """A call as one robot makes it."""
 
-    def __init__(self, run: RunContext, context: ExecutionContext, step: CallStep, path: str) -> None:
+    def __init__(
+        self, run: RunContext, context: ExecutionContext, step: CallStep, path: str, together: _TogetherState
+    ) -> None:
         super().__init__(run, context, step.kind, lambda _: self._call())
         self.is_begun = False
         self._step = step
         self._path = path
-        self._is_first = True
+        self._together = together
         self._fields = step.fields()
         self._expressions = list(
             expressions_in((step.arguments.resource, *self._fields.values(), step.timeout_s, step.answer_file))
@@ -292,16 +303,17 @@ class _CallAction(StepAction):
         robot = context.required_robot
         resource = self.resource or ""
         start: SynchronizedStart | None = None
-        if step.is_together and self._is_first and not run.has_met_before(context, self._path):
-            self._is_first = False
+        if step.is_together and not self._together.has_met and not run.has_met_before(context, self._path):
             start = yield from join_start(run, context, step, self._path)
+            self._together.has_met = True
         self.is_begun = True
         context.task.touch(self.resource)
-        if start is None:
-            future = step.begin(run, robot, resource, self._fields, timeout_s)
-        else:
-            future = start.begin(getattr(robot.handle[resource], step.method), self._fields, timeout_s)
+        future: Future[Any] | None = None
         try:
+            if start is None:
+                future = step.begin(run, robot, resource, self._fields, timeout_s)
+            else:
+                future = start.begin(getattr(robot.handle[resource], step.method), self._fields, timeout_s)
             yield from run.wait(context, future)
         finally:
             if start is not None:

@@ -51,8 +51,12 @@ class WaitForStep(WaitingStep, kind="wait_for"):
         count = int((yield from action.number(self.count, "count", "count")))
         timeout_s = yield from action.number(self.timeout_s, "timeout", "timeout_s")
         future = run.signals.wait(context.frame, self.wait_for, count)
+        try:
+            is_given = yield from run.wait_within(context, future, timeout_s)
+        finally:
+            run.signals.withdraw(context.frame, self.wait_for, future)
         value: Any
-        if (yield from run.wait_within(context, future, timeout_s)):
+        if is_given:
             value = future.get()
         elif self.default is not None:
             names = yield from action.read(self.default)
