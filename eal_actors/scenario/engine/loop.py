@@ -20,10 +20,11 @@ Coroutine: TypeAlias = Generator[Future[Any], None, None]
 
 
 class EventLoop:
-    """Runs actions and coroutines in the thread that calls `run`."""
+    """Runs actions and coroutines in the thread that calls `run`; `on_error` is called with what an action raises."""
 
-    def __init__(self, clock: Clock) -> None:
+    def __init__(self, clock: Clock, on_error: Callable[[Exception], None]) -> None:
         self.clock = clock
+        self._on_error = on_error
         self._actions: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._wakeup = new_waiter()
         self._timers: TimerHeap[Timer] = TimerHeap()
@@ -77,7 +78,7 @@ class EventLoop:
             self._wait()
             self._run_due()
             for _ in range(self._actions.qsize()):
-                self._actions.get_nowait()()
+                self._do(self._actions.get_nowait())
         if ended[0] is not None:
             raise ended[0]
 
@@ -94,4 +95,10 @@ class EventLoop:
         while (timer := self._timers.first()) is not None and timer.time_s <= now_s:
             action = self._timers.pop().action
             if action is not None:
-                action()
+                self._do(action)
+
+    def _do(self, action: Callable[[], object]) -> None:
+        try:
+            action()
+        except Exception as error:  # noqa: BLE001  # the coroutines must go on, to halt the robots
+            self._on_error(error)

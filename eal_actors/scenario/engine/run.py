@@ -101,7 +101,7 @@ class Run:
             resumption.require_safe(plan.scenario)
             if resumption.first_step < len(self._file.steps) and self._file.is_safe(resumption.first_step) is None:
                 past = PastSteps.of(resumption, plan, fleet)
-        self._loop = EventLoop(fleet.clock)
+        self._loop = EventLoop(fleet.clock, self._fail)
         self._robots = {name: Participant(fleet[name]) for name in plan.robots}
         self._run = RunContext(plan, self._robots, self._loop, fleet, directory, self._emit, self._fail)
         self._run.past, self._run.keeps_files = past, keeps_files

@@ -10,9 +10,13 @@ from eal_actors.kernel.errors import DeadlineError
 from eal_actors.scenario.engine.loop import Coroutine, EventLoop
 
 
+def no_error(error: Exception) -> None:
+    raise AssertionError from error
+
+
 @pytest.fixture
 def loop() -> EventLoop:
-    return EventLoop(ScaledClock(1000.0))
+    return EventLoop(ScaledClock(1000.0), no_error)
 
 
 def test_branches_take_turns_at_their_futures(loop: EventLoop) -> None:
@@ -93,3 +97,20 @@ def test_a_signal_handler_may_post(loop: EventLoop) -> None:
         signal.signal(signal.SIGUSR1, before)
 
     assert over.done()
+
+
+def test_an_action_that_raises_is_reported_and_ends_nothing() -> None:
+    errors: list[Exception] = []
+    loop = EventLoop(ScaledClock(1000.0), errors.append)
+
+    def fail() -> None:
+        raise OSError("full")
+
+    def main() -> Coroutine:
+        loop.post(fail)
+        loop.call_at(loop.clock.now() + 1, fail)
+        yield loop.sleep(2)
+
+    loop.run(main())
+
+    assert [str(error) for error in errors] == ["full", "full"]
