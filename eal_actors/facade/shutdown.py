@@ -11,8 +11,8 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from types import FrameType
 from typing import Final, NoReturn
 
@@ -76,6 +76,31 @@ def _exit(number: int, _frame: FrameType | None) -> NoReturn:
         signal.signal(number, signal.SIG_DFL)
         signal.raise_signal(number)
     sys.exit(128 + number)
+
+
+@contextmanager
+def ends_call(action: Callable[[BaseException], None]) -> Iterator[None]:
+    """Let Ctrl-C, SIGTERM and SIGHUP call an action with what they would raise, which may strike anywhere.
+
+    Handlers other than Python's own and those of this module stay. Threads other than the main one see no signal.
+    """
+    owner, former = os.getpid(), {}
+
+    def call(number: int, _frame: FrameType | None) -> None:
+        if os.getpid() != owner:  # a fork, whose action is its parent's
+            signal.signal(number, signal.SIG_DFL)
+            signal.raise_signal(number)
+        action(KeyboardInterrupt() if number == signal.SIGINT else SystemExit(128 + number))
+
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, *_SIGNALS):
+            if signal.getsignal(number) in (signal.default_int_handler, _exit):
+                former[number] = signal.signal(number, call)
+    try:
+        yield
+    finally:
+        for number, handler in former.items():
+            signal.signal(number, handler)
 
 
 def _replace_handlers(before: object, after: object) -> None:

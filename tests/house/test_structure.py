@@ -120,7 +120,7 @@ def test_files_for_forges_match_their_schemas(file: str) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-@pytest.mark.parametrize(("what", "limit"), [("value", 12), ("command", 18), ("scenario", 45)])
+@pytest.mark.parametrize(("what", "limit"), [("value", 12), ("command", 18), ("scenario", 46)])
 def test_one_call_enters_few_files(what: str, limit: int) -> None:
     command = [sys.executable, "-m", "tests.house.entered", what]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=True)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -12,6 +13,7 @@ import pytest
 
 from eal_actors.actors.future import Future
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.errors import CallCancelledError
 from eal_actors.scenario import (
     Report,
     Run,
@@ -19,6 +21,7 @@ from eal_actors.scenario import (
     RunEvent,
     RunStarted,
     make_plan,
+    run_scenario,
 )
 from tests.scenarios.rig import ask, rigs, scenario
 from tests.scenarios.running import ON, WAIT_S, Watch, brief, outcomes, records, run
@@ -63,11 +66,17 @@ def test_a_robot_that_cannot_be_halted_has_failed(tmp_path: Path) -> None:
 
 
 def abort_at(
-    fleet: Fleet, folder: Path, label: str, body: str, abort: Callable[[Run], object], times: int = 1
+    fleet: Fleet,
+    folder: Path,
+    label: str,
+    body: str,
+    abort: Callable[[Run], object],
+    times: int = 1,
+    directory: Path | None = None,
 ) -> Report:
     """Run a scenario; abort it from this thread when a step with the label begins."""
     reached = threading.Event()
-    aborted = Run(make_plan(scenario(folder, body), fleet), fleet, None, [Watch(label, reached.set)])
+    aborted = Run(make_plan(scenario(folder, body), fleet), fleet, directory, [Watch(label, reached.set)])
     future: Future[Report] = aborted.start()
     assert reached.wait(WAIT_S)
     for _ in range(times):
@@ -208,6 +217,43 @@ def test_a_summary_that_cannot_be_written_is_told(two: Fleet, tmp_path: Path) ->
     assert report.outcome == "failed"
     assert report.error is not None
     assert f"its record in {folder} cannot be written" in report.error.message
+
+
+def test_a_full_disk_at_an_event_of_no_step_halts_the_robots_and_runs_finally(two: Fleet, tmp_path: Path) -> None:
+    def fill(run: Run) -> None:
+        journal = run._journal
+        journal.close()
+        journal._stream = Path("/dev/full").open("w", buffering=1)  # noqa: SIM115  # the run closes it
+        run.log(None, "a line that no disk takes")
+
+    report = abort_at(two, tmp_path, "send_cmd Base go100", LONG + finally_of("s"), fill, directory=tmp_path / "run")
+
+    assert report.outcome == "failed"
+    assert report.error is not None
+    assert "cannot be written: No space left on device" in report.error.message
+    assert [ask(two, robot, "stops") for robot in two] == [1, 1]
+    assert all(ask(two, robot, "halts") >= 1 for robot in two)
+    assert report.duration_s < 90
+
+
+def test_sigterm_runs_finally_and_ends_the_program(two: Fleet, tmp_path: Path) -> None:
+    listener = Watch("send_cmd Base go100", lambda: os.kill(os.getpid(), signal.SIGTERM))
+    with pytest.raises(SystemExit) as ended:
+        run(two, tmp_path, LONG + finally_of("s"), listeners=[listener])
+
+    assert ended.value.code == 128 + signal.SIGTERM
+    assert [ask(two, robot, "stops") for robot in two] == [1, 1]
+
+
+def test_a_cancelled_task_runs_finally_and_ends(two: Fleet, tmp_path: Path) -> None:
+    trial = scenario(tmp_path, LONG + finally_of("s"))
+    with two.tasks() as tasks:
+        listener = Watch("send_cmd Base go100", tasks.cancel)
+        task = tasks.start(run_scenario, trial, two, listeners=[listener])
+
+    assert isinstance(task.exception(), CallCancelledError)
+    assert [ask(two, robot, "stops") for robot in two] == [1, 1]
+    assert two.clock.now() < 90
 
 
 INTERRUPTED = """\

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import enum
-import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
+from typing import Final
 
 from typing_extensions import override
 
 from eal_actors.actors.future import Future
 from eal_actors.facade.fleet import Fleet
+from eal_actors.facade.shutdown import ends_call
 from eal_actors.kernel import spans
-from eal_actors.kernel.clock import Clock, new_waiter, wall_time
-from eal_actors.kernel.errors import ScenarioError
+from eal_actors.kernel.clock import Clock, current_scope, in_scope, new_waiter, wait_in_scope, wall_time
+from eal_actors.kernel.errors import CallCancelledError, ScenarioError
 from eal_actors.kernel.log import get_logger
 from eal_actors.scenario.engine import checkpoints
 from eal_actors.scenario.engine.context import RunContext
@@ -35,6 +36,12 @@ from eal_actors.scenario.report.files import image_writer
 from eal_actors.scenario.report.journal import Journal, Listener
 from eal_actors.scenario.report.resuming import Resumption
 from eal_actors.scenario.report.summary import Report, RunOutcome
+
+_INTERRUPTS: Final[dict[type[BaseException], str]] = {
+    KeyboardInterrupt: "interrupted from the keyboard",
+    SystemExit: "the program is to end",
+    CallCancelledError: "its task was cancelled",
+}
 
 
 class _Phase(enum.Enum):
@@ -336,7 +343,9 @@ def run_scenario(
     parameters: Mapping[str, object] | None = None,
     binding: Wishes | None = None,
 ) -> Report:
-    """Run a scenario from beginning to end. Ctrl-C aborts it, and is raised again after its end.
+    """Run a scenario from beginning to end.
+
+    Ctrl-C, SIGTERM, SIGHUP and the cancellation of the caller's task abort it, and are raised again after its end.
 
     Arguments as for `Run`; `parameters` and `binding` as for `make_plan`.
 
@@ -349,38 +358,24 @@ def run_scenario(
     """
     loaded = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
     run = Run(make_plan(loaded, fleet, binding=binding, parameters=parameters), fleet, directory, listeners)
-    interrupts: list[None] = []
+    interrupts: list[BaseException] = []
 
-    def interrupt() -> None:
-        interrupts.append(None)
-        run.abort("interrupted from the keyboard")
+    def interrupt(error: BaseException) -> None:
+        interrupts.append(error)
+        run.abort(next(reason for kind, reason in _INTERRUPTS.items() if isinstance(error, kind)))
 
-    with _ctrl_c_calls(interrupt):
+    with ends_call(interrupt):
         report = run.start()
         over = new_waiter()
         report.add_done_callback(lambda _: fleet.clock.wake(over))
+        scope = current_scope()
         while not report.done():
             try:
-                fleet.clock.wait(over, None)
-            except KeyboardInterrupt:  # from a handler of the caller's own
-                interrupt()
+                with in_scope(scope):
+                    wait_in_scope(fleet.clock, over, None)
+            except tuple(_INTERRUPTS) as error:  # also from a signal handler of the caller's own
+                interrupt(error)
+                scope = None if isinstance(error, CallCancelledError) else scope
     if interrupts:
-        raise KeyboardInterrupt
+        raise interrupts[0]
     return report.get()
-
-
-@contextmanager
-def _ctrl_c_calls(action: Callable[[], None]) -> Iterator[None]:
-    """Let Ctrl-C call an action instead of raising KeyboardInterrupt, which may strike anywhere, such as in `start`.
-
-    A handler other than Python's own stays. Other threads never see Ctrl-C.
-    """
-    is_main = threading.current_thread() is threading.main_thread()
-    if not is_main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        yield
-        return
-    signal.signal(signal.SIGINT, lambda *_: action())
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
