@@ -10,7 +10,7 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.scenario import LogLine, load_scenario, make_plan
 from tests.scenarios.rig import HEAD, ask, rigs, scenario
-from tests.scenarios.running import Watch, brief, run
+from tests.scenarios.running import Watch, brief, outcomes, run
 
 PART = """\
 version: 1
@@ -237,3 +237,17 @@ def test_what_a_part_inside_an_on_may_not_say(tmp_path: Path) -> None:
     assert needs.endswith("scenario 'scout' needs at least 2")
     assert "signals.sene: scenario 'scout' does not give the signal 'sene'; did you mean 'seen'?" in signal
     assert [problem.split(":")[1] for problem in found] == ["12", "13", "14"]
+
+
+def test_a_failure_in_the_end_of_a_part_stops_nothing(two: Fleet, tmp_path: Path) -> None:
+    (tmp_path / "part.yaml").write_text(
+        f"{HEAD}steps:\n- log: x\nfinally:\n- on: all\n  do: [{{send_cmd: {{resource: Base, cmd: fail}}}}]\n"
+    )
+    body = "steps:\n- scenario: part.yaml\n- on: all\n  do: [{send_cmd: {resource: Base, cmd: now}}]\n"
+    report = run(two, tmp_path, body)
+
+    assert [line[:2] for line in brief(report, "fast")] == [
+        ("send_cmd Base fail", "failed"),
+        ("send_cmd Base now", "done"),
+    ]
+    assert (report.outcome, outcomes(report)) == ("failed", {"fast": "failed", "slow": "failed"})

@@ -16,7 +16,7 @@ from eal_actors.scenario.language.values import final_action
 from eal_actors.scenario.report.events import Checkpoint, RobotReplaced, RunContinued, RunStarted
 from eal_actors.scenario.report.records import from_record, is_recordable, to_record, to_view
 from eal_actors.scenario.report.resuming import Resumption
-from eal_actors.scenario.report.summary import ContactReport, ErrorReport, Report, RobotReport, RunOutcome
+from eal_actors.scenario.report.summary import ContactReport, ErrorReport, Report, RobotOutcome, RobotReport, RunOutcome
 
 
 def fill_slots(run: RunContext) -> None:
@@ -110,7 +110,8 @@ def end_robots(run: RunContext, next_step: int) -> None:
     for robot in run.robots.values():
         if robot.outcome is None:
             is_cut = run.is_stopping and robot.name in cut_short
-            robot.end("spare" if not robot.has_taken_part else "aborted" if is_cut else "done")
+            took_part: RobotOutcome = "failed" if robot.error is not None else "aborted" if is_cut else "done"
+            robot.end(took_part if robot.has_taken_part else "spare")
 
 
 def variables_of_run(run: RunContext) -> dict[str, Any]:

@@ -127,10 +127,14 @@ class RunContext:
     # Robots.
 
     def handles(self, context: ExecutionContext) -> dict[str, RobotHandle]:
-        """Return the robots that a step may use."""
+        """Return the robots that a step may use; in `finally`, every robot that ever took part."""
         if context.robot is not None:
             return {context.robot.name: context.robot.handle}
-        return {name: robot.handle for name, robot in self.robots.items() if robot.outcome is None}
+        return {
+            name: robot.handle
+            for name, robot in self.robots.items()
+            if (robot.has_taken_part if context.is_finally else robot.outcome is None)
+        }
 
     def slots_of(self, role: str, context: ExecutionContext) -> list[RoleSlot]:
         """Return the slots whose robots perform an `on`; in `finally`, a slot for every robot that ever took part."""
@@ -346,11 +350,11 @@ class RunContext:
         """Forget the variables of a scenario that is over."""
         slots = [slot.part_variables.pop(frame, {}) for slots in self.slots.values() for slot in slots]
         self._keep(-sum(size_of(value) for variables in (frame.variables, *slots) for value in variables.values()))
+        self.signals.forget(frame)
 
     def _keep(self, more: int) -> None:
         if more > 0 and self._kept + more > _MAX_KEPT:
             raise WorkLimitError(f"the variables of this run hold more than {_MAX_KEPT} items and characters")
-        self.signals.forget(frame)
         self._kept += more
 
     # Halting.

@@ -164,9 +164,9 @@ class StepFailure:
         robot, is_finally = self._robot, self._context.is_finally
         if robot is None:
             self._run.failures.append(self.error)
-        elif not is_finally or robot.outcome in (None, "done"):
+        elif not is_finally or robot.outcome == "done":
             robot.end("failed", self.error)
-        else:
-            robot.end(robot.outcome or "failed", self.error)
+        else:  # in the `finally` of a part it continues, and has failed at the end of the run
+            robot.error = robot.error or self.error
         if not is_finally:
             self._run.stop()

@@ -21,6 +21,7 @@ class Participant:
 
     Attributes:
         outcome: None while it takes part, or is in reserve.
+        error: why it ended; before that, the failure of a step in the `finally` of a part.
         has_taken_part: it has ever filled a slot.
         pending: the futures that its steps wait for, each with the `lost_after_s` of its step.
         losses: when it was lost, and back.
