@@ -10,12 +10,12 @@ import pytest
 
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ConfigError
+from eal_actors.kernel.lock_step import LockStepClock
 from eal_actors.scenario import LogLine, make_plan
-from tests.scenarios.rig import rigs, scenario
+from tests.scenarios.rig import ask, rigs, scenario
 from tests.scenarios.running import ON, WAIT_S, Watch, outcomes, run
 
-MODULE = """\
-def greet(context, name="you", times=1):
+MODULE = r"""def greet(context, name="you", times=1):
     context.log(f"hello {name}")
     return {"robot": context.robot, "seed": context.seed, "x": context.variables["x"] * times}
 
@@ -27,6 +27,16 @@ def keep(context):
 def drive(context, command):
     for robot in context.robots.values():
         robot["Base"].send_cmd(command).get()
+
+
+def wander(context):
+    context.clock.sleep(5)
+    for robot in context.robots.values():
+        robot["Base"].send_cmd("now").get()
+
+
+def who(context):
+    return ",".join(context.robots)
 
 
 def fail(context):
@@ -50,9 +60,22 @@ def odd(context, is_long=False):
     return 10**6000 if is_long else Odd()
 
 
+class Spiteful:
+    def __getattr__(self, name):
+        raise RuntimeError(f"no {name}")
+
+
+def give(context, kind):
+    if kind == "name":
+        raise OSError("no file \udcff")
+    endless = []
+    endless.append(endless)
+    return {"text": "half \ud800", "spiteful": Spiteful(), "endless": endless}[kind]
+
+
 not_callable = 5
 """
-STEPS = ("greet", "keep", "drive", "fail", "wait_long", "odd", "gone", "not_callable")
+STEPS = ("greet", "keep", "drive", "wander", "who", "fail", "wait_long", "odd", "give", "gone", "not_callable")
 ALLOWED = f"python_steps: [{', '.join(f'helpers:{name}' for name in STEPS)}, nowhere:x]"
 
 
@@ -150,6 +173,11 @@ def test_whatever_a_step_returns_fails_only_the_steps_that_cannot_use_it(
           - {{python: 'helpers:odd', with: {{is_long: {is_long}}}, save_as: odd}}
           - log: "${{odd}}"
           - expect: odd == 3
+          - {{expect: odd, equals: 3.5, tolerance: 1}}
+          - wait_s: "${{odd}}"
+          - {{wait_for: told, count: "${{odd}}", timeout_s: 1}}
+          - repeat: "${{odd}}"
+            do: [{{log: never}}]
           - for: {{x: "${{odd}}"}}
             do: [{{log: never}}]
           - {{signal: told, value: "${{odd}}"}}
@@ -158,4 +186,44 @@ def test_whatever_a_step_returns_fails_only_the_steps_that_cannot_use_it(
 
     failed = [record.step for record in report.steps if record.outcome == "skipped"]
     assert report.outcome == "done", report.error
-    assert failed == ["steps[1]", "steps[2]", "steps[3].for.x"]
+    assert failed == [*(f"steps[{number}]" for number in range(1, 6)), "steps[6].repeat", "steps[7].for.x"]
+
+
+@pytest.mark.parametrize("kind", ["text", "spiteful", "endless"])
+def test_a_result_that_no_variable_can_hold_fails_its_step(fleet: Fleet, tmp_path: Path, kind: str) -> None:
+    body = f"on_failure: skip\nsteps: [{{python: 'helpers:give', with: {{kind: {kind}}}, save_as: x}}]\n"
+    report = run(fleet, tmp_path, body, directory=tmp_path / "run")
+
+    assert report.outcome == "done", report.error
+    (record,) = report.steps
+    assert record.error is not None
+    assert "Python step 'helpers:give' returned what no variable can hold: " in record.error.message
+
+
+def test_an_error_with_half_a_character_is_recorded_with_its_escape(fleet: Fleet, tmp_path: Path) -> None:
+    body = "on_failure: skip\nsteps: [{python: 'helpers:give', with: {kind: name}}]\n"
+    report = run(fleet, tmp_path, body, directory=tmp_path / "run")
+
+    assert report.outcome == "done", report.error
+    (record,) = report.steps
+    assert record.error is not None
+    assert record.error.message.endswith("no file \\udcff")
+
+
+def test_a_step_in_finally_may_use_every_robot_that_took_part(fleet: Fleet, tmp_path: Path) -> None:
+    report = run(fleet, tmp_path, "steps: [{log: x}]\nfinally: [{python: 'helpers:who', save_as: names}]\n")
+
+    assert report.variables == {"names": "a,b"}
+
+
+def test_a_function_of_a_run_that_is_over_moves_nothing(tmp_path: Path) -> None:
+    (tmp_path / "helpers.py").write_text(MODULE)
+    body = "steps: [{parallel: [[{python: 'helpers:wander'}], [{wait_s: 1}, {expect: 1 == 2}]]}]"
+    with rigs(tmp_path, clock=LockStepClock(), head=ALLOWED, a={}, b={}) as fleet:
+        report = run(fleet, tmp_path, body)
+        fleet.clock.sleep(10)
+        tries = [ask(fleet, robot, "tries") for robot in fleet]
+
+    assert report.outcome == "failed"
+    assert report.duration_s == pytest.approx(1)
+    assert tries == [0, 0]

@@ -22,7 +22,7 @@ from eal_actors.scenario.engine.synchronization import Barriers, PauseControl, S
 from eal_actors.scenario.language.expressions.evaluation import Namespace, WorkBudget, WorkLimitError, size_of
 from eal_actors.scenario.language.expressions.grammar import Expression, RobotReading
 from eal_actors.scenario.report.events import LogLine, Readings, RobotDropped, RobotReplaced
-from eal_actors.scenario.report.records import is_recordable, to_record
+from eal_actors.scenario.report.records import is_recordable, to_record, whole_text
 from eal_actors.scenario.report.summary import ErrorReport, StartReport, StepRecord
 
 T = TypeVar("T")
@@ -122,7 +122,7 @@ class RunContext:
 
     def log(self, robot: str | None, text: str) -> None:
         """Send a line of text to the listeners."""
-        self.emit(lambda time_s: LogLine(time_s, robot, text))
+        self.emit(lambda time_s: LogLine(time_s, robot, whole_text(text)))
 
     # Robots.
 

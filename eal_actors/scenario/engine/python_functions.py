@@ -80,11 +80,14 @@ def _module(name: str, folder: Path) -> Any:
     return module
 
 
-def join_threads(threads: Sequence[threading.Thread], clock: Clock) -> None:
-    """Wait a little for the functions of a run that is over; log those that do not return."""
+def join_threads(threads: Sequence[threading.Thread], clock: Clock) -> bool:
+    """Wait a little for the functions of a run that is over; log those that do not return.
+
+    Return whether there was one: it may have sent a command after the robots were halted.
+    """
     alive = [thread for thread in threads if thread.is_alive()]
     if not alive:
-        return
+        return False
     end_s = REAL_TIME.now() + _JOIN_S
     with clock.outside():
         for thread in alive:
@@ -92,3 +95,4 @@ def join_threads(threads: Sequence[threading.Thread], clock: Clock) -> None:
     for thread in alive:
         if thread.is_alive():
             get_logger(thread=thread.name).error("the function did not return after the run; its thread keeps running")
+    return True

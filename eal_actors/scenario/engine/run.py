@@ -232,6 +232,8 @@ class Run:
         self._is_aborted = bool(self._abort_reasons or run.emergency)
         self._phase = _Phase.HALTS
         yield from self._guarded(run.halt(everyone))
+        if run.threads and join_threads(run.threads, self._fleet.clock):
+            yield from self._guarded(run.halt(everyone))
 
     def _guarded(self, coroutine: Coroutine) -> Coroutine:
         """Perform a phase of the run; an error in it must not keep the next phase from running."""
@@ -306,8 +308,6 @@ class Run:
     # The report.
 
     def _conclude(self) -> Report:
-        if self._run.threads:
-            join_threads(self._run.threads, self._fleet.clock)
         duration_s = self._run.now_s()
         try:
             self._emit(lambda time_s: RunEnded(time_s, self._report(duration_s)))

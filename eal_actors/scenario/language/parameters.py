@@ -88,7 +88,10 @@ def describe(section: ParameterSection) -> str:
 
 
 def _format(value: object) -> str:
-    return json.dumps(value) if isinstance(value, list | tuple) else show(value)
+    try:
+        return json.dumps(value) if isinstance(value, list | tuple) else show(value)
+    except (TypeError, ValueError):  # a result of Python that has no form in a file
+        return f"of type {type(value).__name__}"
 
 
 # Units.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import sys
 from collections.abc import Mapping
 from typing import Annotated, Any, Final, Literal
 
@@ -13,6 +13,7 @@ from eal_actors.kernel.strict_model import StrictModel
 from eal_actors.kernel.yaml_tree import show
 from eal_actors.scenario.language.expressions.functions import as_text
 from eal_actors.scenario.language.expressions.grammar import parse_template
+from eal_actors.scenario.language.wording import short_value
 
 VARIABLE_PATTERN: Final = r"^[A-Za-z_][A-Za-z0-9_]*$"
 MAX_REPEATS: Final = 1_000_000
@@ -110,7 +111,7 @@ def number_problem(value: object, wanted: Wanted) -> str | None:
     if wanted == "count":
         fits = isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= MAX_REPEATS
         return None if fits else f"must be a whole number from 1 to {MAX_REPEATS}, not {_format(value)}"
-    if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
+    if not isinstance(value, int | float) or isinstance(value, bool) or not abs(value) <= sys.float_info.max:
         return f"must be a number, not {_format(value)}"
     if wanted == "timeout" and not value > 0:
         return f"must be over 0, not {_format(value)}"
@@ -125,7 +126,7 @@ def checked_number(value: object, wanted: Wanted, what: str) -> float:
 
 
 def _format(value: object) -> str:
-    return as_text(value) if isinstance(value, bool | int | float) else repr(value)
+    return as_text(value) if isinstance(value, bool | float) else short_value(value)
 
 
 FailureAction = Literal["abort", "drop", "skip", "substitute"]

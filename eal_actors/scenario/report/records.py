@@ -76,6 +76,11 @@ def _mapping_to_json(value: Mapping[Any, Any]) -> dict[str, Any] | None:
     return entries if is_whole and all(value[key] is None or entries[key] is not None for key in entries) else None
 
 
+def whole_text(text: str) -> str:
+    """Return a text with escapes in place of surrogates, halves of characters, which no file can hold."""
+    return text.encode(errors="backslashreplace").decode()
+
+
 # Strict JSON.
 
 

@@ -48,6 +48,7 @@ from pydantic import Field
 from eal_actors.kernel.errors import EALError
 from eal_actors.kernel.lock_step import Rate
 from eal_actors.kernel.strict_model import StrictModel
+from eal_actors.scenario.report.records import whole_text
 
 StepOutcome = Literal["done", "failed", "dropped", "replaced", "skipped", "stopped", "aborted"]
 RobotOutcome = Literal["done", "failed", "dropped", "replaced", "aborted", "spare"]
@@ -65,8 +66,8 @@ class ErrorReport(StrictModel):
     def of(cls, error: BaseException) -> Self:
         """Return the report of any exception; the message of one that is no EALError begins with its class."""
         if isinstance(error, EALError):
-            return cls(code=error.code, message=str(error))
-        return cls(code=EALError.code, message=f"{type(error).__name__}: {error}")
+            return cls(code=error.code, message=whole_text(str(error)))
+        return cls(code=EALError.code, message=whole_text(f"{type(error).__name__}: {error}"))
 
 
 class LossReport(StrictModel):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any, ClassVar
 
 from pydantic import NonNegativeFloat
@@ -87,5 +87,7 @@ def _is_equal(found: Any, wanted: Any, tolerance: float) -> bool:
         pairs = list(zip(found, wanted, strict=False))
         return len(found) == len(wanted) and all(_is_equal(one, other, tolerance) for one, other in pairs)
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in (found, wanted)):
-        return bool(math.isclose(found, wanted, rel_tol=0.0, abs_tol=tolerance + 1e-12 * tolerance))
+        with suppress(OverflowError):  # of a whole number that no float can hold
+            return bool(found == wanted or abs(found - wanted) <= tolerance + 1e-12 * tolerance)
+        return False
     return bool(type(found) is type(wanted) and found == wanted)

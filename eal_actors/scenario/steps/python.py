@@ -16,7 +16,7 @@ from typing_extensions import override
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.device.info import ResourceInfo
-from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.clock import CancelScope, Clock, in_scope
 from eal_actors.kernel.errors import EALError, ScenarioError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.kernel.strict_model import NAMES_ONLY
@@ -27,6 +27,7 @@ from eal_actors.scenario.engine.python_functions import StepFunction, find_funct
 from eal_actors.scenario.language.expressions.evaluation import render
 from eal_actors.scenario.language.scenario import Keys, Show
 from eal_actors.scenario.language.values import Held, Text, Value, VariableName
+from eal_actors.scenario.report.records import as_json, to_record
 from eal_actors.scenario.steps.base import TimedStep
 
 DEFAULT_TIMEOUT_S: Final = 60.0
@@ -45,7 +46,8 @@ class StepContext:
         variables: the current variables of the scenario, by name; changes have no effect.
         seed: the fleet's seed, the source of all randomness.
         is_cancelled: returns whether the result is no longer needed: the deadline has passed, or the run was stopped.
-            A long function must call it regularly, and return.
+            From then on `get`, streams and `clock.sleep` raise CallCancelledError. A function that computes or waits
+            otherwise for long must call it regularly, and return.
         log: sends a line of text to those who watch the run. Thread: the step's own; does not block.
         keeps_files: false in a run whose files are thrown away, such as those of a proof: a function may leave out
             work whose only result is a file.
@@ -108,22 +110,36 @@ class PythonStep(TimedStep, kind="python"):
         context.task.touch(None)
         work = partial(contextvars.copy_context().run, _call, function, step_context, given, answer)
         thread = threading.Thread(target=work, name=f"python step {self.python}", daemon=True)
-        run.threads.append(thread)
+        run.threads = [*(one for one in run.threads if one.is_alive()), thread]
         run.clock.start(thread)
         yield from run.wait(context, answer)
-        run.assign(context, self.save_as, answer.get())
+        run.assign(context, self.save_as, _usable(answer.get(), answer))
 
 
 class _Answer(Future[Any]):
-    """The result of a function."""
+    """The result of a function. When nobody waits for it any longer, the function's waits are interrupted."""
 
     def __init__(self, name: str, clock: Clock, deadline_s: float, loop: EventLoop) -> None:
         super().__init__(clock, deadline_s, loop)
+        self.scope = CancelScope()
         self._name = name
+
+    @override
+    def _given_up(self) -> None:
+        self.scope.cancel()
 
     @override
     def describe(self) -> str:
         return f"Python step '{self._name}'"
+
+
+def _usable(value: Any, answer: _Answer) -> Any:
+    """Return a result; raise ScenarioError if looking at it fails, as the records and expressions do."""
+    try:
+        as_json(to_record(value), ensure_ascii=False).encode()
+    except Exception as error:  # an object may raise any exception, and text may hold half a character
+        raise ScenarioError(f"{answer.describe()} returned what no variable can hold: {error_text(error)}") from error
+    return value
 
 
 def _step_context(action: StepAction, answer: Future[Any], variables: dict[str, Any]) -> StepContext:
@@ -146,9 +162,10 @@ def _step_context(action: StepAction, answer: Future[Any], variables: dict[str, 
     )
 
 
-def _call(function: StepFunction, context: StepContext, given: dict[str, Any], answer: Future[Any]) -> None:
+def _call(function: StepFunction, context: StepContext, given: dict[str, Any], answer: _Answer) -> None:
     try:
-        answer.set(function(context, **given))
+        with in_scope(answer.scope):
+            answer.set(function(context, **given))
     except EALError as error:
         answer.set_exception(error)
     except BaseException as error:  # noqa: BLE001  # user code may raise anything, and the run waits for the answer
