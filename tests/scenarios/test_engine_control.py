@@ -12,6 +12,7 @@ import pytest
 
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ScenarioError
+from eal_actors.kernel.lock_step import LockStepClock
 from eal_actors.scenario import (
     LogLine,
     Run,
@@ -22,7 +23,7 @@ from eal_actors.scenario import (
     make_plan,
     read_run,
 )
-from tests.scenarios.rig import HEAD, rigs, scenario
+from tests.scenarios.rig import HEAD, ask, rigs, scenario
 from tests.scenarios.running import ON, WAIT_S, Watch, brief, records
 
 NOW = "  - send_cmd: {resource: Base, cmd: now}\n"
@@ -216,3 +217,37 @@ def test_robots_that_left_stay_away(tmp_path: Path) -> None:
 
     assert (report.outcome, report.robots["b"].outcome) == ("done", "dropped")
     assert len(records(report, "b")) == 1
+
+
+def cut(folder: Path, kind: str, count: int) -> Path:
+    """Let a record end after the n-th event of a kind, as if its controller had died then; return the run's folder."""
+    lines = (folder / "run/events.jsonl").read_text().splitlines(keepends=True)
+    places = [number for number, line in enumerate(lines) if json.loads(line)["event"] == kind]
+    (folder / "run/events.jsonl").write_text("".join(lines[: places[count - 1] + 1]))
+    (folder / "run/summary.json").unlink()
+    return folder / "run"
+
+
+def test_a_robot_that_was_twice_interrupted_in_a_common_start_keeps_nobody_waiting(tmp_path: Path) -> None:
+    text = "steps:\n- on: all\n  do:\n" + "  - {set_value: {resource: Base, value: 1}, together: true}\n" * 2
+    with rigs(tmp_path, clock=LockStepClock(), a={}, b={}) as fleet:
+        plan = make_plan(scenario(tmp_path, text), fleet)
+        assert Run(plan, fleet, tmp_path / "run").start().get().outcome == "done"
+        for count in (2, 3):  # both have begun the first step, and one has ended it; then the other begins it again
+            resumption = read_run(cut(tmp_path, "step_ended" if count == 2 else "step_started", count - (count == 2)))
+            report = Run(plan, fleet, resumption.directory, [], resumption).start().get()
+            assert report.outcome == "done", report.error
+
+
+def test_the_end_of_a_part_that_was_over_is_not_repeated(tmp_path: Path) -> None:
+    part = "steps:\n- log: x\nfinally:\n- on: all\n  do: [{send_cmd: {resource: Base, cmd: now}}]\n"
+    (tmp_path / "part.yaml").write_text(HEAD + part)
+    text = "steps:\n- sequence:\n  - scenario: part.yaml\n  - wait_s: 1\n"
+    with rigs(tmp_path, clock=LockStepClock(), a={}, b={}) as fleet:
+        plan = make_plan(scenario(tmp_path, text), fleet)
+        assert Run(plan, fleet, tmp_path / "run").start().get().outcome == "done"
+        resumption = read_run(cut(tmp_path, "step_started", 3))
+        report = Run(plan, fleet, resumption.directory, [], resumption).start().get()
+
+        assert report.outcome == "done", report.error
+        assert [ask(fleet, robot, "tries") for robot in fleet] == [1, 1]

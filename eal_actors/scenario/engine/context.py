@@ -313,7 +313,7 @@ class RunContext:
         for reading, call in calls:
             yield from self.wait(context, call)
             answers[reading] = call.get()
-        if path is not None and self.folder is not None and not context.is_finally:
+        if path is not None and self.folder is not None:
             values = {str(reading): to_record(value) for reading, value in answers.items() if is_recordable(value)}
             self.emit(lambda time_s: Readings(time_s, robot.name, path, values))
         return self.namespace(context, answers)

@@ -77,7 +77,7 @@ def perform_step(
     Before all that, leave it out if an interrupted run has performed it. `make` makes the action, anew for each robot;
     if it `is_quiet`, only a failure is recorded.
     """
-    if run.past is not None and not is_quiet and not context.is_finally:
+    if run.past is not None and not is_quiet:
         past = run.past.take(context.robot_name, path)
         if past is not None and (not past.is_done or (yield from _is_over(run, context, step, make, past))):
             return past.is_done

@@ -61,8 +61,9 @@ class PastSteps:
         for event in resumption.since:
             match event["event"]:
                 case "step_started":
-                    past.under_way[event["robot"], event["step"]] = event
-                    past.begun[event["robot"], event["step"]] += 1
+                    key = event["robot"], event["step"]
+                    past.begun[key] += key not in past.under_way  # or an earlier resumption repeats it
+                    past.under_way[key] = event
                 case "step_ended":
                     record = event["record"]
                     key = record["robot"], record["step"]
