@@ -263,7 +263,8 @@ class ExecutionContext:
         if self.role is None or self.is_finally:
             return None
         file = self.frame.scenario.file
-        return file.roles[self.role].on_lost or file.on_lost
+        section = file.roles.get(self.role)  # outside of its own `on`, a part has no role of this name
+        return (section.on_lost if section is not None else None) or file.on_lost
 
     def effective_policy(self, own: OnFailure | None) -> OnFailure:
         """Return the failure policy: that of the step, its blocks, its role, or its file, in this order."""
