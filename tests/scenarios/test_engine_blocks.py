@@ -281,3 +281,10 @@ def test_what_is_cancelled_ends_in_the_order_in_which_it_began(tmp_path: Path) -
         report = run(fleet, tmp_path, body)
     stopped = [(record.robot, record.label) for record in report.steps if record.outcome == "stopped"]
     assert stopped == [(name, f"wait_s {seconds}") for name in names for seconds in (1000, 2000, 3000)]
+
+
+def test_a_formation_of_a_role_without_robots_is_over_at_once(two: Fleet, tmp_path: Path) -> None:
+    head = HEAD.replace("all: {}", "all: {}\n  none: {needs: {Camera: []}, min: 0}")
+    report = run(two, tmp_path, "steps: [{formation: {role: none, shape: line, spacing_m: 1}}]\n", head)
+
+    assert report.outcome == "done", report.error

@@ -93,9 +93,7 @@ Seconds = Annotated[Annotated[NonNegativeFloat, Tag("number")] | _Expression, _K
 """Seconds of the fleet's clock, from 0."""
 Timeout = Annotated[Annotated[PositiveFloat, Tag("number")] | _Expression, _Kind]
 """Seconds of the fleet's clock, over 0."""
-Count = Annotated[Annotated[PositiveInt, Tag("number")] | _Expression, _Kind]
-"""A whole number from 1."""
-Repeats = Annotated[Annotated[int, Field(ge=1, le=MAX_REPEATS), Tag("number")] | _Expression, _Kind]
+Count = Annotated[Annotated[int, Field(ge=1, le=MAX_REPEATS), Tag("number")] | _Expression, _Kind]
 """A whole number from 1 to MAX_REPEATS."""
 
 Wanted = Literal["seconds", "timeout", "count"]

@@ -132,6 +132,8 @@ class FormationStep(TimedStep, kind="formation"):
         action.label = f"formation {self.formation.role} {render(self.formation.shape, names)}"
         slots = run.slots_of(self.formation.role, context)
         action.role = next((slot.role for slot in slots), None)
+        if not slots:
+            return
         robots = {slot.robot.name: slot.robot.handle for slot in slots}
         context.task.touch(None)
         poses = run.fleet.read(robots.values(), "Pose")

@@ -20,7 +20,7 @@ from eal_actors.scenario.language.expressions.grammar import parse_template
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
 from eal_actors.scenario.language.scenario import Keys, Show, Steps
 from eal_actors.scenario.language.static_values import StaticLoop, TooManyCombinationsError
-from eal_actors.scenario.language.values import INDEX, Held, Repeats
+from eal_actors.scenario.language.values import INDEX, Count, Held
 from eal_actors.scenario.steps.loop import LoopStep
 
 
@@ -28,7 +28,7 @@ class RepeatStep(LoopStep, kind="repeat"):
     """Perform steps several times; `${i}` is the number of the round, from 0."""
 
     holds: ClassVar[Mapping[str, Held]] = {"repeat": "count"}
-    repeat: Repeats
+    repeat: Count
     do: Steps
 
     @override

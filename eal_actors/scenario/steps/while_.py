@@ -23,7 +23,7 @@ from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
 from eal_actors.scenario.language.scenario import Keys, Show, Steps
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
 from eal_actors.scenario.language.static_values import Guard, StaticLoop
-from eal_actors.scenario.language.values import INDEX, ExpressionText, Held, Repeats
+from eal_actors.scenario.language.values import INDEX, Count, ExpressionText, Held
 from eal_actors.scenario.steps.loop import LoopStep
 
 
@@ -33,7 +33,7 @@ class WhileStep(LoopStep, kind="while"):
     holds: ClassVar[Mapping[str, Held]] = {"while_": "condition", "limit": "count"}
     while_: ExpressionText = Field(alias="while")
     """An expression, without `${}`."""
-    limit: Repeats
+    limit: Count
     """Maximum number of rounds."""
     at_limit: Literal["fail", "go_on"] = "fail"
     """The outcome if the expression is still true after them."""

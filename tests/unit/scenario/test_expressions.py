@@ -154,6 +154,7 @@ def test_nesting_breaks_nothing(text: str) -> None:
         ("min([])", "min() of an empty list has no value"),
         ("int('x')", "'x' is no whole number"),
         ("int(1e300)", "the result has more than 256 bits"),
+        ("round(1e300)", "the result has more than 256 bits"),
         ("sqrt(-1)", "sqrt(-1): "),  # the words are those of Python, whose versions differ
         ("gone + 1", "the variable 'gone' has no value: the step that gives it one did not succeed"),
     ],

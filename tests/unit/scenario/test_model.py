@@ -330,3 +330,9 @@ def test_the_schema_refuses_what_the_model_refuses(broken: dict[str, Any]) -> No
 
     assert validator.is_valid(SOUND)
     assert not validator.is_valid({**SOUND, **broken})
+
+
+def test_a_written_count_has_the_limit_of_a_computed_one(tmp_path: Path) -> None:
+    body = "steps:\n- signal: x\n- {wait_for: x, count: 1000001, timeout_s: 1}\n"
+
+    assert problems(tmp_path, body) == ["s.yaml:7:24: steps[1].count: must be at most 1000000, not 1000001"]

@@ -185,7 +185,7 @@ def _round(value: Any, digits: Any = None) -> Any:
     _numbers("round()", value)
     if digits is not None and (not isinstance(digits, int) or not -20 <= digits <= 20):
         raise RefusalError(f"round() takes a number of digits from -20 to 20, not {digits!r}")
-    return round(value, digits)
+    return bounded(round(value, digits))
 
 
 def _sum(values: Any) -> Any:
