@@ -96,7 +96,9 @@ def write_json(value: Any) -> None:
     """Write a value to stdout as strict JSON; `as_json` replaces numbers that JSON cannot hold."""
     from eal_actors.scenario.report.records import as_json
 
-    json_output().write(as_json(value, indent=2, ensure_ascii=False) + "\n")
+    stream = json_output()
+    is_unicode = (stream.encoding or "utf-8").lower().startswith("utf")
+    stream.write(as_json(value, indent=2, ensure_ascii=not is_unicode) + "\n")
 
 
 def counted(number: int, noun: str) -> str:

@@ -12,6 +12,7 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from io import TextIOWrapper
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Final, TextIO, cast
 
@@ -31,10 +32,13 @@ _READER_GONE: Final = (errno.EPIPE, errno.EIO)  # errors of writing to a closed 
 class _FailsafeStream:
     """A text stream that discards its output after a failed write instead of raising.
 
-    `failure` is the error that lost output; None if nothing was lost or if only the reader has gone.
+    A character that its encoding lacks, such as an en dash on a Latin-1 terminal, is written as an escape. `failure` is
+    the error that lost output; None if nothing was lost or if only the reader has gone.
     """
 
     def __init__(self, stream: TextIO) -> None:
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
         self._stream = stream
         self.failure: OSError | None = None
 

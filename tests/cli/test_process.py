@@ -208,6 +208,20 @@ def test_a_pipe_gets_plain_text(start: Start, slides: Path, move: Path) -> None:
         assert "\x1b" not in out + err
 
 
+def test_a_terminal_without_unicode_gets_all_lines(
+    start: Start, slides: Path, write: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONIOENCODING", "ascii")
+    text = LONG.replace("to1", "to0.02").replace("to${FINALLY}", "s").replace("steps:\n", "steps:\n  - log: hō– ü\n")
+    file = write("kō.yaml", text.replace("Move for", "Ein bißchen –"))
+    out, err = start("run", file, "--fleet", slides, "--rate", 10, "--no-plot").communicate()
+    assert "h\\u014d\\u2013 \\xfc" in out
+    assert "long on slides: done" in out
+    assert "Traceback" not in err
+    process = start("check", file, "--json")
+    assert json.loads(process.communicate()[0])["files"][0]["file"] == str(file)
+
+
 def test_lines_in_a_pipe_stay_whole(start: Start, slides: Path, write: Any) -> None:
     name = "a" * 150
     slides.write_text(slides.read_text(encoding="utf-8").replace("  one:", f"  {name}:"), encoding="utf-8")
