@@ -8,6 +8,10 @@ from typing import Any
 
 import pytest
 
+from eal_actors import Fleet
+from eal_actors.lab.lookahead.watching import Lookahead
+from tests.plugin_files import write_plugin
+
 FLEET = """\
 version: 1
 name: two
@@ -85,3 +89,29 @@ def test_wrong_options_are_refused(eal: Any, tmp_path: Path, options: tuple[str,
     (tmp_path / "fleet.yaml").write_text(FLEET)
     (tmp_path / "crash.yaml").write_text(SCENARIO)
     assert eal("run", tmp_path / "crash.yaml", "--fleet", tmp_path / "fleet.yaml", *options).exit_code == 2
+
+
+POSE = """
+from eal_actors.plugin import *
+
+class Pose(Resource):
+    types = ResourceType.SENSOR
+    value = ValueInfo(DataType.DOUBLE, shape={shape})
+
+    def get_value(self):
+        return EALData.of({value})
+"""
+
+
+def test_a_robot_with_a_strange_pose_ends_no_look_ahead_for_the_others(tmp_path: Path) -> None:
+    write_plugin(tmp_path, "flat", POSE.format(shape="(2,)", value="[1.0, 2.0]"), "Pose")
+    write_plugin(tmp_path, "honest", POSE.format(shape="(3,)", value="[1.0, 2.0, 0.0]"), "Pose")
+    robots = {name: {"plugins": {name: {}}} for name in ("flat", "honest")}
+    content = {"version": 1, "name": "f", "clock": {"rate": "max"}, "plugin_dirs": ["plugins"], "robots": robots}
+    (tmp_path / "f.yaml").write_text(json.dumps(content))
+    looks: list[float] = []
+    with Fleet.load(tmp_path / "f.yaml") as fleet:
+        begin_s = fleet.clock.now()
+        with Lookahead(fleet, tuple(fleet), {}, on_look=lambda time_s, _: looks.append(time_s - begin_s)):
+            fleet.clock.sleep(3.5)
+    assert looks == pytest.approx([1, 2, 3])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, Self
 
@@ -25,6 +25,8 @@ from eal_actors.scenario import Run, RunEvent, StepEnded, StepStarted
 _POSE: Final = "Pose"
 _ESTIMATE: Final = "estimate"
 _BATTERY: Final = "Battery"
+_POSE_NUMBERS: Final = (3, 12)
+"""Numbers of a pose, and of one with its covariance."""
 _PERIOD_S: Final = 1.0
 _HELD_PERIOD_S: Final = 0.25
 _HELD_S: Final = 3.0
@@ -98,6 +100,7 @@ class Lookahead:
         self._powered = [name for name in self._names if _BATTERY in infos[name]]
         self._radii_m = hull_radii_m(fleet, infos)
         self._tracked = {name: _Tracked(scripts.get(name), since_s=fleet.clock.now()) for name in self._names}
+        self._strange: set[str] = set()
         self._known: set[tuple[str, str, str | None]] = set()
         self._run: Run | None = None
         self._lock = threading.Lock()
@@ -170,7 +173,7 @@ class Lookahead:
         estimating = {name: handles[name].send_req(_ESTIMATE, timeout_s=_ANSWER_S) for name in self._estimating}
         others = [name for name in self._names if name not in estimating]
         read = read_many([handles[name] for name in others], _ANSWER_S)
-        return _answered({**estimating, **dict(zip(others, read, strict=True))})
+        return self._answered({**estimating, **dict(zip(others, read, strict=True))}, _POSE_NUMBERS)
 
     def _state(self, name: str, numbers: Sequence[float], now_s: float) -> PresentState:
         tracked = self._tracked[name]
@@ -193,7 +196,7 @@ class Lookahead:
     def _empty_batteries(self, now_s: float) -> list[ForeseenEvent]:
         found = []
         read = read_many([self._fleet[name][_BATTERY] for name in self._powered], _ANSWER_S)
-        for name, (charge,) in _answered(dict(zip(self._powered, read, strict=True))).items():
+        for name, (charge,) in self._answered(dict(zip(self._powered, read, strict=True)), (1,)).items():
             charges = self._tracked[name].charges
             charges.append((now_s, charge))
             while len(charges) > 2 and now_s - charges[1][0] >= _SLOPE_S:
@@ -203,6 +206,23 @@ class Lookahead:
             if charge - spent * self._options.horizon_s < _LOW_CHARGE:
                 in_s = max(0.0, (charge - _LOW_CHARGE) / spent) if spent > 0 else 0.0
                 found.append(ForeseenEvent("battery", name, None, in_s, ()))
+        return found
+
+    def _answered(self, asked: Mapping[str, Future[Any]], counts: Container[int]) -> dict[str, list[float]]:
+        """Return the answers by robot, without those that failed, are late, or have another count of finite numbers."""
+        found = {}
+        for name, answer in asked.items():
+            try:
+                value = answer.get().value
+            except EALError:
+                continue
+            if (numbers := _finite(value)) is not None and len(numbers) in counts:
+                found[name] = numbers
+            elif name not in self._strange:
+                self._strange.add(name)
+                get_logger(robot=name).warning(
+                    "no look ahead for it", reason=f"its answer is no pose or charge: {value!r}"
+                )
         return found
 
     def _report(self, now_s: float, finding: ForeseenEvent) -> bool:
@@ -232,16 +252,13 @@ class Lookahead:
                 continue
 
 
-def _answered(asked: Mapping[str, Future[Any]]) -> dict[str, list[float]]:
-    """Return the numbers of the answers by robot, without those that failed or are late."""
-    found = {}
-    for name, answer in asked.items():
-        try:
-            value = answer.get().value
-        except EALError:
-            continue
-        found[name] = [float(number) for number in value] if np.ndim(value) else [float(value)]
-    return found
+def _finite(value: Any) -> list[float] | None:
+    """Return a number or an array as numbers; None if one is not finite, or none."""
+    try:
+        numbers = [float(number) for number in np.ravel(value)]
+    except (TypeError, ValueError):
+        return None
+    return numbers if all(map(math.isfinite, numbers)) else None
 
 
 def describe(finding: ForeseenEvent, *, is_held: bool) -> str:
