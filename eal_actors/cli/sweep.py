@@ -27,7 +27,7 @@ from eal_actors.cli.progress import STYLES
 from eal_actors.cli.run_options import RunOptions, read_request
 from eal_actors.cli.work import work_progress
 from eal_actors.kernel.bundled import short_path
-from eal_actors.kernel.errors import ConfigError
+from eal_actors.kernel.errors import ConfigError, writing
 from eal_actors.lab.sweeping.folder import LOG, SweepFolder
 from eal_actors.lab.sweeping.plot import draw_sweep
 from eal_actors.lab.sweeping.results import CRASHED, REFUSED, SweepResult, write_csv, write_junit
@@ -152,9 +152,10 @@ def _result_line(result: SweepResult) -> Text:
 
 def _write_results(folder: SweepFolder, sweep: Sweep, results: Sequence[SweepResult]) -> list[Path]:
     table, junit = folder.path / "table.csv", folder.path / "junit.xml"
-    write_csv(results, sweep.scenario, table)
-    write_junit(results, f"sweep.{sweep.scenario.name}", junit)
-    plot = draw_sweep(results, sweep.scenario, folder.path / "table.png") if sweep.variations else None
+    with writing(folder.path):
+        write_csv(results, sweep.scenario, table)
+        write_junit(results, f"sweep.{sweep.scenario.name}", junit)
+        plot = draw_sweep(results, sweep.scenario, folder.path / "table.png") if sweep.variations else None
     return [table, junit, *([plot] if plot is not None else [])]
 
 

@@ -225,6 +225,14 @@ def test_finished_runs_are_kept_for_the_same_files_only(eal: Any, fleet: Path, w
     assert set(summaries(out)) == set(first)
     assert not set(summaries(out).items()) & set(first.items())
 
+    steps = fleet.parent / "falling.py"
+    former = steps.read_text()
+    steps.write_text(f"{former}# changed")
+    changed = sweep()
+    assert changed.exit_code == 2
+    assert f"{fleet} (or its world, its map, its Python steps, or this release) has changed" in text_of(changed)
+    steps.write_text(former)
+
     with (out / ".lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         assert "another sweep uses" in text_of(sweep())
@@ -232,6 +240,16 @@ def test_finished_runs_are_kept_for_the_same_files_only(eal: Any, fleet: Path, w
     refused = sweep()
     assert refused.exit_code == 2
     assert "is not the folder of a sweep" in text_of(refused)
+
+
+def test_a_table_that_cannot_be_written_is_wrong_input(eal: Any, fleet: Path, ways: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert eal("sweep", ways, "-f", fleet, "--out", out).exit_code == 0
+    (out / "table.csv").unlink()
+    (out / "table.csv").mkdir()
+    result = eal("sweep", ways, "-f", fleet, "--out", out)
+    assert result.exit_code == 2, result.exception
+    assert f"{out}: cannot be written: Is a directory" in text_of(result)
 
 
 def test_a_folder_that_cannot_be_written_is_wrong_input(eal: Any, fleet: Path, ways: Path) -> None:

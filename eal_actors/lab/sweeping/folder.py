@@ -87,7 +87,11 @@ class SweepFolder:
             str(file)
             for key, file, now in (
                 ("scenario_hash", sweep.scenario.source, sweep.scenario_hash),
-                ("fleet_hash", f"{sweep.fleet.source} (or its world, or this release)", sweep.fleet_hash),
+                (
+                    "fleet_hash",
+                    f"{sweep.fleet.source} (or its world, its map, its Python steps, or this release)",
+                    sweep.fleet_hash,
+                ),
             )
             if before.get(key) != now
         ]

@@ -79,8 +79,21 @@ def fleet_hash(fleet: FleetConfig, keep: Iterable[str]) -> str:
     world = fleet.world.model_dump_json() if fleet.world is not None else ""
     folders = [str(Path(folder).resolve()) for folder in fleet.plugin_dirs]
     content = {key: value for key, value in fleet.content.items() if key not in ("clock", "seed")}
-    text = json.dumps([__version__, sorted(keep), world, folders, content], sort_keys=True, default=str)
+    beside = [hashlib.sha256(part).hexdigest() for part in _parts_beside(fleet)]
+    text = json.dumps([__version__, sorted(keep), world, folders, content, beside], sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _parts_beside(fleet: FleetConfig) -> Iterator[bytes]:
+    """Yield the content of the modules of Python steps beside the fleet file, and of its map."""
+    for name in dict.fromkeys(step.partition(":")[0] for step in fleet.python_steps):
+        if (file := fleet.source.parent / f"{name}.py").is_file():
+            yield file.read_bytes()
+    if fleet.map_path is not None:
+        from eal_actors.device.navigation.map_file import load_map  # numpy, which only fleets with a map need
+
+        yield fleet.map_path.read_bytes()
+        yield load_map(fleet.map_path).cells.tobytes()
 
 
 def _run_name(parameters: Mapping[str, Any], seed: int) -> str:
