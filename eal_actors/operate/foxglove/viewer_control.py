@@ -23,6 +23,7 @@ from eal_actors.kernel.log import get_logger
 from eal_actors.kernel.log_limit import LogLimit
 from eal_actors.operate.dashboard.control import ControlRegistry
 from eal_actors.operate.dashboard.teleop import DRIVE_RESOURCE, Teleop, Twist
+from eal_actors.operate.dashboard.values import infos_of
 
 _SUFFIX: Final = "/cmd_vel"
 _ANSWER_S: Final = 2.0
@@ -37,6 +38,7 @@ class ViewerControl:
 
     def __init__(self, fleet: Fleet) -> None:
         self._fleet = fleet
+        self._answer_s = fleet.clock.of_real(_ANSWER_S)
         self._registry = ControlRegistry()
         self._teleop = Teleop(fleet, self._registry)
         self._lock = threading.Lock()
@@ -111,8 +113,8 @@ class ViewerControl:
         every = (
             f"{robot.name}.{resource}.{config.name}"
             for robot in self._fleet.values()
-            for resource in robot
-            for config in robot[resource].info.configs
+            for resource, info in infos_of(robot)
+            for config in info.configs
         )
         return self._read(param_names or list(every))
 
@@ -126,7 +128,7 @@ class ViewerControl:
         for parameter in parameters:
             try:
                 robot, resource, key = _split(parameter.name)
-                self._fleet[robot][resource].set_config(key, parameter.get_value()).get(timeout=_ANSWER_S)
+                self._fleet[robot][resource].set_config(key, parameter.get_value()).get(timeout=self._answer_s)
             except (EALError, ValueError) as error:
                 if (more := self._ignored.admit()) is not None:
                     name, reason = parameter.name[:_MOST_SHOWN], str(error)[:_MOST_SHOWN]
@@ -144,7 +146,7 @@ class ViewerControl:
         found = []
         for name, answer in asked.items():
             try:
-                value = answer.get(timeout=max(0.0, end_s - REAL_TIME.now())).value
+                value = answer.get(timeout=self._fleet.clock.of_real(max(0.0, end_s - REAL_TIME.now()))).value
             except EALError as error:
                 get_logger().debug("a parameter cannot be read", name=name, reason=str(error))
                 continue

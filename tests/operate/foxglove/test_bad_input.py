@@ -15,9 +15,11 @@ import pytest
 from eal_actors import Fleet
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.operate.foxglove import LiveView
+from eal_actors.operate.foxglove.viewer_control import ViewerControl
 from tests.log_lines import log_lines
 from tests.operate.foxglove.test_live_view import fleet_of
 from tests.operate.foxglove.viewer import Viewer
+from tests.plugin_files import write_plugin
 from tests.unit.plugins.ros2.rig import wait_for
 
 ADVERTISED = [{"id": 7, "topic": "/r1/cmd_vel", "encoding": "json", "schemaName": "geometry_msgs/Twist"}]
@@ -138,3 +140,30 @@ def test_unknown_parameters_are_left_out(view: tuple[Fleet, LiveView]) -> None:
         viewer.send(op="getParameters", parameterNames=[*names, "r1.Base.nothing", "x"], id="all")
         while not set(names) <= set(viewer.parameters):
             viewer.receive()
+
+
+PROBES = """
+from eal_actors.plugin import *
+
+class Good(Resource):
+    types = ResourceType.ACTUATOR
+
+    @config("speed_m_s", ValueInfo(DataType.DOUBLE))
+    def speed_m_s(self):
+        return 0.5
+
+class Broken(Resource):
+    types = ResourceType.SENSOR
+
+    def open(self):
+        raise OSError("it is broken")
+"""
+
+
+def test_a_robot_that_did_not_start_hides_no_parameters_of_others(tmp_path: Path) -> None:
+    write_plugin(tmp_path, "good", PROBES, "Good"), write_plugin(tmp_path, "broken", PROBES, "Broken")
+    robots = {"q": {"plugins": {"broken": {}}}, "r": {"plugins": {"good": {}}}}
+    (tmp_path / "f.yaml").write_text(json.dumps({"version": 1, "plugin_dirs": ["plugins"], "robots": robots}))
+    with Fleet.load(tmp_path / "f.yaml").connect() as fleet:
+        found = ViewerControl(fleet).on_get_parameters(None, [])
+    assert [parameter.name for parameter in found] == ["r.Good.speed_m_s"]
