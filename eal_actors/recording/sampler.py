@@ -37,8 +37,8 @@ class Sampler:
     """Samples resources inside its `with` block, and once more at the end; nothing before `from_s` of the clock.
 
     A resource that has not answered when it is due again is skipped until it has: sampling never delays a run. `sink`
-    receives each value, with a time that is not in the future; if it raises, the resource is no longer sampled. Its
-    thread is the sampler's own.
+    receives each value, with a time stamp that is not in the future: its own, else when it was asked for. If it raises,
+    the resource is no longer sampled. Its thread is the sampler's own.
     """
 
     def __init__(self, clock: Clock, specs: Iterable[SampleSpec], sink: SampleSink, from_s: float = -math.inf) -> None:
@@ -96,8 +96,9 @@ class Sampler:
         due = [sampled for sampled in group if sampled.is_wanted and sampled.answer is None]
         if due:
             answers = read_many([sampled.resource for sampled in due], due[0].timeout_s)  # a group has one period
+            asked_s = self._clock.now()
             for sampled, answer in zip(due, answers, strict=True):
-                sampled.answer = answer
+                sampled.answer, sampled.asked_s = answer, asked_s
 
     def _collect(self, group: Sequence[_SampledResource], *, wait: bool = False) -> None:
         for sampled in group:
@@ -111,7 +112,9 @@ class Sampler:
     def _pass_on(self, sampled: _SampledResource, data: EALData) -> None:
         """Pass a value to the sink. One robot's strange values must not end the sampling of others."""
         now_s = self._clock.now()
-        if data.stamp_s is not None and data.stamp_s > now_s:  # the robot's clock is ahead, or it lies
+        if data.stamp_s is None:  # answers are collected up to a period later
+            data = data.with_meta(stamp_s=sampled.asked_s)
+        elif data.stamp_s > now_s:  # the robot's clock is ahead, or it lies
             data = data.with_meta(stamp_s=now_s)
         try:
             sampled.is_wanted = self._sink(sampled.resource, data)
@@ -129,4 +132,5 @@ class _SampledResource:
     resource: ResourceHandle
     timeout_s: float
     answer: Future[EALData] | None = None
+    asked_s: float = 0.0
     is_wanted: bool = True

@@ -57,3 +57,40 @@ def test_a_resource_that_is_stuck_in_the_samplers_thread_delays_no_end(
         sampling._thread.join()
     assert values == []  # what comes later would go into a closed file
     assert "while it is sampled" in capfd.readouterr().err
+
+
+CLOCK = """
+from eal_actors.plugin import *
+
+class Probe(Resource):
+    types = ResourceType.SENSOR
+    value = ValueInfo(DataType.DOUBLE)
+
+    def __init__(self, clock):
+        self._clock = clock
+
+    def get_value(self):
+        return self._clock.now()
+
+def create_Probe(context):
+    return Probe(context.clock)
+"""
+
+
+def test_a_value_without_a_time_stamp_has_the_time_at_which_it_was_asked_for(tmp_path: Path) -> None:
+    """It is collected when the next one is due."""
+    write_plugin(tmp_path, "probe", CLOCK, "Probe")
+    robots: dict[str, object] = {"r": {"plugins": {"probe": {}}}}
+    content = {"version": 1, "clock": {"rate": "max"}, "plugin_dirs": ["plugins"], "robots": robots}
+    (tmp_path / "f.yaml").write_text(json.dumps(content))
+    values: list[EALData] = []
+
+    def keep(_resource: ResourceHandle, value: EALData) -> bool:
+        values.append(value)
+        return True
+
+    fleet = Fleet.load(tmp_path / "f.yaml").connect()
+    with fleet, Sampler(fleet.clock, [SampleSpec(fleet["r"]["Probe"], 0.2)], keep):
+        fleet.clock.sleep(1.0)
+    assert len(values) > 4
+    assert [value.stamp_s for value in values] == [value.value for value in values]
