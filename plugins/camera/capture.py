@@ -100,12 +100,9 @@ def size_of(capture: Any) -> dict[str, float]:
 
 
 def refuse_all(what: str, has: Mapping[str, float | None], wishes: Mapping[str, float]) -> list[str]:
-    """Return messages that refuse every setting that differs from the present one.
+    """Return messages that refuse each wish that differs from the present settings; `what` names the source in them.
 
-    Args:
-        what: the kind of source, for messages.
-        has: the present settings; None for an unsupported one.
-        wishes: the requested settings.
+    A present setting of None is unsupported.
     """
     refused = []
     for key, wish in wishes.items():

@@ -11,11 +11,7 @@ from .capture import LiveCapture, fps_of, refuse_all, size_of
 
 
 def open_stream(url: str, timeout_s: float) -> NetworkStream:
-    """Connect to a stream.
-
-    Args:
-        url: its URL.
-        timeout_s: time-out of the connection and of each picture, in real seconds.
+    """Connect to a stream; the time-out is that of the connection and of each picture, in real seconds.
 
     Raises:
         OSError: no readable stream answers in time.

@@ -136,12 +136,7 @@ def run_motion(
 ) -> Activity:
     """Order a motion, and wait until it is done.
 
-    Args:
-        session: the session with the base.
-        verb: of the order.
-        numbers: of the order.
-        state_of: returns the tag and the state of the channel's last motion.
-        report: called at each poll during the motion, to report its progress.
+    `state_of` returns the tag and the state of the channel's last motion; `report` is called at each poll meanwhile.
 
     Raises:
         NotReadyError: the base is absent.

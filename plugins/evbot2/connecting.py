@@ -94,12 +94,7 @@ def open_base_port(
 ) -> ReopeningPort:
     """Open the port to a base: a simulated one for `sim://world/<robot>`, else a real one.
 
-    Args:
-        context: of the plugin.
-        url: from the settings.
-        make: the make of a simulated robot.
-        emulate: creates the emulator for the vehicle of a simulated robot.
-        open_real: opens the port of a real one.
+    `make` is that of a simulated robot, whose emulator `emulate` creates for its vehicle.
 
     Raises:
         PluginError: the configuration is wrong.
@@ -123,15 +118,7 @@ def start_session(
     channels: tuple[OrderChannel, ...],
     noise: OdometryNoise,
 ) -> tuple[BaseSession, Odometer]:
-    """Greet the base; an absent base is greeted when it appears.
-
-    Args:
-        context: of the plugin, with SessionSettings.
-        port: to the base.
-        codec: the wire codec.
-        model: the expected model.
-        channels: its channels.
-        noise: the errors of its odometry.
+    """Greet the base; an absent base is greeted when it appears. The context has SessionSettings.
 
     Thread: the robot's; waits at most two seconds for a base that is silent.
     """

@@ -28,13 +28,7 @@ TRACKS: Final = WheelModel(track_m=0.24, step_m=0.0005, max_speed_m_s=0.4, accel
 
 
 def evbot2(vehicle: Vehicle, tick_s: float, boot: int = 1) -> BaseEmulator:
-    """Return an EvBot II.
-
-    Args:
-        vehicle: its vehicle.
-        tick_s: its tick interval while it is busy.
-        boot: see Firmware.
-    """
+    """Return an EvBot II, which ticks every `tick_s` while it is busy."""
     wheels = WheelController(vehicle, TRACKS, tick_s)
     return BaseEmulator(Firmware(MODEL, TRACKS, {OrderChannel.WHEELS: wheels}, boot), base_codec())
 

@@ -77,12 +77,7 @@ class SessionLease:
 
 
 def why_refused(base: str, reply: BaseReply) -> str:
-    """Return why a greeting gave no lease.
-
-    Args:
-        base: the name of the base, with its port.
-        reply: to the greeting.
-    """
+    """Return why a greeting gave no lease, from the reply to it."""
     if reply.code is Code.BUSY:
         return f"{base} is used by another host until that one is silent"
     if reply.code is Code.VERSION:

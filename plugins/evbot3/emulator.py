@@ -37,12 +37,7 @@ _BATTERY: Final = ConstantBattery(12.6, -1.5, 6.5, 7.2, 23.5)
 
 
 def evbot3(vehicle: TurretVehicle, tick_s: float, boot: int = 1) -> BaseEmulator:
-    """Return an EvBot III.
-
-    Args:
-        vehicle: its vehicle.
-        tick_s: its tick interval while it is busy.
-        boot: see Firmware.
+    """Return an EvBot III, which ticks every `tick_s` while it is busy.
 
     Raises:
         PluginError: the vehicle has no turret.

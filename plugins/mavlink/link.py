@@ -281,10 +281,7 @@ class MavLink:
     def keep_offboard(self, timeout_s: float) -> None:
         """Fill pauses between set-points with a velocity of zero: PX4 leaves OFFBOARD after a second without any.
 
-        It ends when the vehicle is in another mode.
-
-        Args:
-            timeout_s: seconds of the fleet's clock until the vehicle must be in OFFBOARD.
+        It ends when the vehicle is in another mode; it must be in OFFBOARD within the time-out, by the fleet's clock.
         """
         self._kept_until_s = self._clock.now() + timeout_s
 

@@ -34,14 +34,9 @@ _NOT_OF_PACKETS: Final = ("baudrate", "tries")
 
 
 def make_emulator(protocol: str, body: RoombaBody, wheelbase_m: float) -> EmulatedRoomba:
-    """Return the emulator of a Roomba, which ignores the pauses after changes of mode.
+    """Return the emulator of a Roomba by its protocol, `sci` or `oi`, which ignores the pauses after changes of mode.
 
     The bytes come through an operating system, or in ticks of a simulation that may be longer than the pauses.
-
-    Args:
-        protocol: `sci` or `oi`.
-        body: what it drives and feels.
-        wheelbase_m: distance of the body's wheels.
     """
     if protocol == "sci":
         return SciEmulator(body, mode_pause_s=0.0)

@@ -57,11 +57,7 @@ class RoombaLink(Protocol):
         ...
 
     def send(self, data: bytes, *, supersedes: bool = False) -> None:
-        """Send one command.
-
-        Args:
-            data: the command.
-            supersedes: whether to drop queued commands with the same op code.
+        """Send one command; one that supersedes drops queued commands with the same op code.
 
         Raises:
             UnavailableError: the queue is full, the peer does not acknowledge, or the port is broken.

@@ -155,10 +155,7 @@ def _reached(speed_mm_s: float) -> int:
 def slowed(speed_m_s: float, turn_rate_rad_s: float, wheelbase_m: float) -> tuple[float, float]:
     """Return a twist within the speed limit of both wheels: if one is too fast, the same curve, driven slower.
 
-    Args:
-        speed_m_s: forward positive.
-        turn_rate_rad_s: counter-clockwise positive.
-        wheelbase_m: distance of the wheels.
+    Speeds are positive forward, and turn rates counter-clockwise.
     """
     excess = max(1.0, (abs(speed_m_s) + abs(turn_rate_rad_s) * wheelbase_m / 2) * 1000 / MAX_SPEED_MM_S)
     return speed_m_s / excess, turn_rate_rad_s / excess

@@ -122,9 +122,7 @@ def decode(packets: Iterable[int], data: bytes) -> dict[int, int]:
 def stream_frame(values: Mapping[int, int], numbers: Iterable[int] | None = None) -> bytes:
     """Return a frame of the stream: header, length, the packets or groups, each after its number, and a checksum.
 
-    Args:
-        values: of the packets.
-        numbers: the numbers of packets and groups; None for the packets of `values`.
+    `numbers` are those of packets and groups; None for the packets of `values`.
     """
     body = b"".join(
         bytes([number]) + b"".join(encode(packet, values[packet]) for packet in packets_of(number))

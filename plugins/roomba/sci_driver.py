@@ -262,14 +262,10 @@ class SciDriver(RoombaDriver):
 
 
 def twist_drive(speed_m_s: float, turn_rate_rad_s: float, track_factor: float = 1.0) -> tuple[int, int]:
-    """Return Drive's velocity in mm/s and radius in mm for a twist.
+    """Return Drive's velocity in mm/s and radius in mm for a twist, positive forward and counter-clockwise.
 
-    A radius beyond 2 m is taken as 2 m or as straight, whichever is the nearer curve.
-
-    Args:
-        speed_m_s: forward positive.
-        turn_rate_rad_s: counter-clockwise positive.
-        track_factor: effective over nominal distance of the wheels.
+    A radius beyond 2 m is taken as 2 m or as straight, whichever is the nearer curve. `track_factor` is the effective
+    over the nominal distance of the wheels.
     """
     speed_m_s, turn_rate_rad_s = slowed(speed_m_s, turn_rate_rad_s, WHEELBASE_M * track_factor)
     turn_rate_rad_s *= track_factor

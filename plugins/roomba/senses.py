@@ -13,13 +13,7 @@ _CLIFFS: Final = ("left", "front left", "front right", "right")
 
 
 def flag(name: str, place: int, description: str) -> Callable[[Any], EALData]:
-    """Return the request for one flag of a FlagSensor.
-
-    Args:
-        name: of the request.
-        place: of the flag, from 0.
-        description: of the request, for people.
-    """
+    """Return the request for one flag of a FlagSensor, at a place from 0."""
 
     @request(name, _FLAG, description=description)
     def read(self: FlagSensor) -> EALData:
@@ -68,10 +62,7 @@ class CliffSensor(FlagSensor):
 def ground_fault(drops: Sequence[bool], cliffs: Sequence[bool], *, forward: bool) -> ResourceFaultError | None:
     """Return why a motion must be halted: a wheel has dropped, or a forward motion meets a cliff; None if it need not.
 
-    Args:
-        drops: of the left wheel, the right wheel and the caster.
-        cliffs: from the left to the right.
-        forward: whether the motion goes forward.
+    The drops are of the left wheel, the right wheel and the caster, the cliffs from the left to the right.
     """
     for what, names, seen in (("wheel drop", _WHEELS, drops), ("cliff", _CLIFFS, cliffs if forward else ())):
         if any(seen):

@@ -104,13 +104,7 @@ class TravelJudge:
         self._accept(asked_s, speeds_m_s)
 
     def answer(self, asked_s: float, jitter_s: float, counted: Travel) -> Judgement:
-        """Judge a count.
-
-        Args:
-            asked_s: the time of its request.
-            jitter_s: by how much later than usual after the request it may have been taken.
-            counted: the count.
-        """
+        """Judge a count, which may have been taken by `jitter_s` later than usual after its request."""
         fits = self._as_true(asked_s, jitter_s, counted) if self._suspect else []
         since_s = self._suspect.asked_s if self._suspect else self._counted_s
         fits += [self.explain(start_s, asked_s, jitter_s, counted) for start_s in self._starts(since_s, asked_s)]

@@ -43,14 +43,7 @@ def full_name(namespace: str, name: str) -> str:
 
 
 def topic_key(domain: int, name: str, type_name: str, type_hash: str) -> str:
-    """Return the key of a topic or service.
-
-    Args:
-        domain: the ROS domain.
-        name: the fully qualified name.
-        type_name: as in keys, `std_msgs::msg::dds_::String_`.
-        type_hash: of the type.
-    """
+    """Return the key of a topic or service: its full name, and its type such as `std_msgs::msg::dds_::String_`."""
     return f"{domain}/{name.strip('/')}/{type_name}/{type_hash}"
 
 

@@ -145,13 +145,7 @@ class RosSession:
         return "" if session is None else str(session.info.zid())
 
     def why_absent(self, kind: str, name: str, wanted: MessageType | ServiceType) -> str | None:
-        """Return why an endpoint of ours finds no counterpart; None if there is one.
-
-        Args:
-            kind: of the counterpart: PUBLISHER or SERVICE.
-            name: the fully qualified name.
-            wanted: our type.
-        """
+        """Return why an endpoint of ours finds no counterpart, a PUBLISHER or SERVICE; None if there is one."""
         if (problem := self.why_not_ready()) is not None:
             return problem
         found = self.entities(kind, name)

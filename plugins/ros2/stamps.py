@@ -19,11 +19,6 @@ class StampOffset:
         self._differences_s: deque[float] = deque(maxlen=_KEPT)
 
     def fleet_s(self, stamp_s: float, now_s: float) -> float:
-        """Return the fleet's time of a message.
-
-        Args:
-            stamp_s: its time by the publisher's clock.
-            now_s: the fleet's time of its arrival, at which it is at the latest.
-        """
+        """Return the fleet's time of a publisher's stamp: at the latest `now_s`, when the message arrived."""
         self._differences_s.append(now_s - stamp_s)
         return min(now_s, stamp_s + min(self._differences_s))

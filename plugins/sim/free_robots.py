@@ -127,12 +127,7 @@ class FreeRobot(ABC):
 
     @abstractmethod
     def join(self, free: FreeRobots[Any], ticks: int) -> FreeState[float] | None:
-        """Give its state to an array, if its next ticks are regular; return the state, or None.
-
-        Args:
-            free: has its state from now on, until `leave`.
-            ticks: how many ticks it must be able to drive there.
-        """
+        """Give its state to an array until `leave`, if its next ticks are regular; return the state, or None."""
 
     @abstractmethod
     def leave(self) -> None:
@@ -140,12 +135,7 @@ class FreeRobot(ABC):
 
     @abstractmethod
     def adopt(self, state: FreeState[float], ticks: int) -> None:
-        """Copy its state from an array.
-
-        Args:
-            state: the state.
-            ticks: driven there since the last copy.
-        """
+        """Copy its state from an array, after some ticks since the last copy."""
 
     @abstractmethod
     def report(self, odometry: Pose2D, now_s: float) -> None:
@@ -170,12 +160,9 @@ class FreeRobots(Generic[_R]):
         self._next_normal = np.zeros(_FEWEST, dtype=np.intp)
 
     def drive(self, robots: Sequence[_R], tick: int, ticks: int) -> list[_R]:
-        """Drive robots for some ticks, as far as their motions are regular; return those that drive by themselves.
+        """Drive robots for MOST_TICKS at most, while their motions are regular; return those that drive by themselves.
 
-        Args:
-            robots: all robots that drive freely; every other one has left before.
-            tick: the world's tick.
-            ticks: at most MOST_TICKS.
+        The robots are all that drive freely; every other one has left before.
         """
         self._tick = tick
         for robot in robots:

@@ -181,13 +181,9 @@ class ContactSearch:
         self._widest_m = max(self._widest_m, make.radius_m)
 
     def search(self, driven: Sequence[SimRobot], together: FreeRobots[SimRobot], tick: int, end: int) -> None:
-        """Find out how long robots stay clear of everything, unless that is known up to a tick.
+        """Find out how long robots stay clear of everything, unless that is known up to the tick `end`.
 
-        Args:
-            driven: all driven robots.
-            together: has some of them.
-            tick: the tick of the world.
-            end: the tick to be known.
+        `together` has some of the driven robots.
         """
         due = [robot for robot in driven if robot.clear_until_tick < end]
         if due:
@@ -211,14 +207,9 @@ class ContactSearch:
     ) -> list[SimRobot]:
         """Return those of some driven robots that may touch something in this tick, in their order.
 
-        The result includes robots that are near one of those: these may stop at an unexpected place.
-
-        Args:
-            driven: the robots, with their poses predicted.
-            tick: the tick of the world.
-            together: free robots, which touch nothing.
-            alone: other free robots.
-            ahead: by how many ticks the free robots are ahead.
+        The result includes robots that are near one of those: these may stop at an unexpected place. The poses of the
+        driven robots are predicted. `together` and `alone` are free robots, which are `ahead` by some ticks; the former
+        touch nothing.
         """
         due = [number for number, robot in enumerate(driven) if robot.clear_until_tick < tick]
         if not due:
@@ -235,13 +226,9 @@ class ContactSearch:
         return self._among(near) if near else []
 
     def _note(self, robot: SimRobot, place: tuple[float, ...], between_m: float, tick: int) -> bool:
-        """Record how long a robot stays clear; return whether it is clear in this tick.
+        """Record how long a robot stays clear; return whether it is clear in this tick, in which it is at a place.
 
-        Args:
-            robot: the robot.
-            place: where it is at that tick.
-            between_m: distance from its centre to the nearest centre of another driven robot.
-            tick: the tick.
+        `between_m` is the distance from its centre to the nearest centre of another driven robot.
         """
         reach_m = min(between_m - self._widest_m, _SEARCH_M)
         hit = self._engine.space.point_query_nearest(place, max(reach_m, 0.0), robot.filter)  # type: ignore[arg-type]

@@ -176,11 +176,8 @@ class SimulatedPort:
 def open_port(context: PluginContext, url: str, model: str | None, emulate: Callable[[Any], Any]) -> SimulatedPort:
     """Return the port of a URL `sim://world/<robot>`; a robot of a known make joins the world if it is new.
 
-    Args:
-        context: of the driver.
-        url: names the robot in the world; without a path it is the driver's own.
-        model: the robot's make; None for a robot of any make that is in the world.
-        emulate: creates the emulator of a vehicle; see `SimulatedPort`.
+    Without a path the robot is the driver's own. A model of None stands for a robot of any make that is in the world.
+    `emulate` creates the emulator of a vehicle; see `SimulatedPort`.
 
     Raises:
         PluginError: the URL is invalid, or the robot is of another make or not there.

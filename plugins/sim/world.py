@@ -211,15 +211,9 @@ class SimWorld:
         self._begin(robot, motion)
 
     def drive(self, robot: SimRobot, left_m_s: float, right_m_s: float, hold_s: float | None = None) -> None:
-        """Set the target speeds of a robot's wheels. Thread: holds `lock`.
+        """Set the target speeds of a robot's wheels, within its make's greatest. Thread: holds `lock`.
 
-        Targets of 0 bring it to rest and put the brakes on.
-
-        Args:
-            robot: the robot.
-            left_m_s: of the left wheel; limited to the make's greatest speed.
-            right_m_s: of the right wheel, likewise.
-            hold_s: the wheels are brought to rest after this time; None to go on until the next call.
+        Targets of 0 bring it to rest and put the brakes on. So does the end of `hold_s`; None is until the next call.
 
         Raises:
             UnavailableError: the robot has no place in the world, or its battery is empty.

@@ -155,9 +155,7 @@ class CameraTracker:
     def _learn(self, mirrored: frozenset[int] | None, stamp_s: float) -> None:
         """Take from a search of the whole picture what changes rarely.
 
-        Args:
-            mirrored: ids of mirrored markers; None if nobody looked for them.
-            stamp_s: the picture's time.
+        `mirrored` are the ids of mirrored markers; None if nobody looked for them.
         """
         counts = Counter(one.number for one in self.detections)
         once = {one.number: one.corners for one in self.detections if counts[one.number] == 1}

@@ -147,12 +147,6 @@ class SimulatedFeed(PictureFeed):
 def open_feed(context: PluginContext, name: str, settings: CameraSettings, *, is_drawn: bool = True) -> PictureFeed:
     """Open the pictures of a camera. An unplugged camera is no error: it is not ready.
 
-    Args:
-        context: of the plugin.
-        name: the camera's name.
-        settings: its settings.
-        is_drawn: as in `SimulatedFeed`.
-
     Raises:
         PluginError: there is no such simulated camera, or a file or folder is missing or unreadable.
     """

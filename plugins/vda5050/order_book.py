@@ -39,12 +39,7 @@ class OrderBook:
         self.edges: list[Edge] = []
 
     def receive(self, order: Order, place: tuple[float, float] | None) -> AgvError | None:
-        """Take an order or an update; returns why it is refused.
-
-        Args:
-            order: as it arrived.
-            place: where the vehicle is, in m; None if that is not known.
-        """
+        """Take an order or an update; returns why it is refused. A place of None is not known."""
         if (problem := self._problem(order)) is not None:
             return _refusal(order, "validationError", problem)
         if order.order_id != self.order_id:

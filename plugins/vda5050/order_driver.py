@@ -52,12 +52,7 @@ class OrderDriver:
         return bool(self._book.nodes or self._waiting) or self.is_busy
 
     def go_on(self, *, is_held: bool, is_placed: bool) -> None:
-        """Hear of what is over, and begin the next node or action.
-
-        Args:
-            is_held: nothing new begins.
-            is_placed: whether the robot knows where it is.
-        """
+        """Hear of what is over, and begin the next node or action unless held; a robot is placed if it has a pose."""
         self._hear_of_node()
         self._hear_of_action()
         if not self._is_restored() or is_held or self.is_busy:

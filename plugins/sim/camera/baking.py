@@ -93,11 +93,7 @@ class TextureBaker:
         return Plane(self._model.height_m, (0.0, 0.0), 0.0, Mipmap(image.astype(np.uint8), size_m))
 
     def floor(self, outlines: Sequence[tuple[Sequence[Point], float]]) -> Plane:
-        """Return the floor, with the shadows of objects on it.
-
-        Args:
-            outlines: corners and height of each thing.
-        """
+        """Return the floor, with the shadows of objects, each with its corners and its height."""
         size_m = self._model.size_m
         canvas = self.canvas(size_m, FLOOR_PER_M)
         colours = albedo(self._model, self._model.surfaces.floor, canvas)

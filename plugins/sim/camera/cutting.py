@@ -82,11 +82,7 @@ def _parts(block: Block, outlines: Sequence[_Polygon]) -> list[Block]:
 def _face_between(faces: Sequence[Face], left: Point, right: Point, others: Sequence[Point]) -> Face | None:
     """Return the part of a face between two points; None if they are on no face: such a cut is never visible.
 
-    Args:
-        faces: of the whole block.
-        left: one end.
-        right: the other end.
-        others: the corners of the other parts, where the face continues.
+    The faces are of the whole block, and continue at `others`, the corners of its other parts.
     """
 
     def continues(end: Point, whole: Point) -> bool:

@@ -35,12 +35,9 @@ _HORIZON_PX = 0.25  # rows within this distance of the horizon are clamped
 
 
 def face_layers(eye: Eye, faces: Sequence[Face], *, closed: bool = False) -> list[Layer]:
-    """Return the layers of the visible faces, from left to right.
+    """Return the layers of the visible faces of a convex solid, or of a room seen from inside, from left to right.
 
-    Args:
-        eye: the camera.
-        faces: of one convex solid, or the walls of a room seen from inside.
-        closed: whether nothing is to shine through the outer ends either.
+    If closed, nothing shines through the outer ends either.
     """
     seen = [layer for face in faces if (layer := _face_layer(eye, face))]
     seen.sort(key=lambda layer: (layer.first - layer.left_share, layer.first + len(layer.tops)))
@@ -187,12 +184,7 @@ def _levels_of_rows(
 ) -> tuple[list[int], list[tuple[int, int]]]:
     """Return the halvings for a level surface in each row of the image, and the runs of equal ones.
 
-    Args:
-        height: of the image.
-        focal_px: of the camera.
-        below_m: vertical distance of camera and surface.
-        per_m: samples per metre.
-        deepest: the number of possible halvings.
+    The surface is `below_m` below the camera and has `per_m` samples per metre, which can be halved `deepest` times.
     """
     down_px = np.maximum(np.abs(np.arange(height) - (height - 1) / 2), _HORIZON_PX)
     ahead_m = focal_px * below_m / down_px
@@ -215,13 +207,7 @@ def block_layers(eye: Eye, block: Block, faces: Sequence[Face]) -> list[Layer]:
 
 
 def polygon_layer(eye: Eye, plane: Plane, corners: Sequence[Point]) -> Layer | None:
-    """Return the layer of the part of a level surface below the camera that a convex polygon bounds.
-
-    Args:
-        eye: the camera.
-        plane: the surface.
-        corners: counter-clockwise, x and y in metres.
-    """
+    """Return the layer of the part of a level surface below the camera within a convex, counter-clockwise polygon."""
     if eye.z_m <= plane.height_m:
         return None
     seen = [eye.seen(corner) for corner in corners]

@@ -168,9 +168,7 @@ class OverheadRenderer:
     def picture(self, instants: Sequence[Instant], seed: int) -> NDArray[np.uint8]:
         """Return the picture, (height, width, 3): blue, green and red, rows from the top.
 
-        Args:
-            instants: what moves, at equal distances of time over the exposure; the picture is their mean.
-            seed: of the noise.
+        It is the mean of what is to be seen at the instants, which are at equal distances of time over the exposure.
         """
         image = self._sharp(instants[0])
         if len(instants) > 1:
@@ -289,13 +287,9 @@ class OverheadRenderer:
         return x_m, y_m
 
     def _put(self, window: Window, is_hit: NDArray[np.bool_], height_m: Array | float, colours: Image) -> None:
-        """Draw the samples of a surface that are not hidden by something higher.
+        """Draw the samples of a surface that are not hidden by something higher, where `is_hit` in the window.
 
-        Args:
-            window: where.
-            is_hit: which of its samples show the surface.
-            height_m: of the surface over the floor, everywhere or of each sample.
-            colours: of each sample, or (3,) for one colour.
+        Heights over the floor and colours are of each sample, or one for all.
         """
         heights_m, mask = self._heights[window], (is_hit & (height_m > self._heights[window])).astype(np.uint8)
         cv2.copyTo(np.full(mask.shape, height_m, np.float32), mask, heights_m)

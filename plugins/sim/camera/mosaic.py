@@ -22,13 +22,7 @@ def mosaic(
 ) -> _Image:
     """Return tiles, each with a random motif: a quarter disc, a disc, a ring, a triangle or a lozenge.
 
-    Args:
-        columns: number of samples along.
-        rows: number of samples across.
-        size_m: width and height that they cover.
-        tile_m: size of a tile.
-        palette: red, green and blue of each colour, (n, 3).
-        generator: the random generator.
+    The samples cover `size_m`, width and height. The palette has red, green and blue of each colour, (n, 3).
     """
     along = np.linspace(0, size_m[0] / tile_m, columns, dtype=np.float32)
     up = np.linspace(size_m[1] / tile_m, 0, rows, dtype=np.float32)

@@ -21,14 +21,7 @@ _LETTER_PX: Final = 22.0  # of the font, at scale 1
 
 
 def poster(columns: int, rows: int, palette: _Image, generator: np.random.Generator) -> _Image:
-    """Return a poster.
-
-    Args:
-        columns: number of samples along.
-        rows: number of samples across.
-        palette: red, green and blue of each colour, (n, 3); the first is the paper.
-        generator: of what is drawn by lot.
-    """
+    """Return a poster; the palette has red, green and blue of each colour, (n, 3), and the first is the paper."""
     paper, inks = palette[0], palette[1:] if len(palette) > 1 else 255 - palette
     canvas = np.empty((rows, columns, 3), np.uint8)
     canvas[:] = paper

@@ -24,12 +24,7 @@ from .visibility import Seen, far_to_near, may_be_seen
 def render(scene: Scene, movers: Sequence[Mover], eye: Eye) -> NDArray[np.uint8]:
     """Return a camera's image, shape (height, width, 3): red, green and blue, rows from the top.
 
-    The same arguments give the same image.
-
-    Args:
-        scene: the fixed surfaces.
-        movers: the robots and boxes, without the robot that carries the camera.
-        eye: the camera, inside the room.
+    The same arguments give the same image. The movers do not include the robot that carries the camera.
     """
     moving, shadows = scene.placed([mover for mover in movers if may_be_seen(eye, mover)])
     walls, posters, *faces_of_blocks = scene.faces.in_view(eye)

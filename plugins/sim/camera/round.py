@@ -155,10 +155,7 @@ def _numbers(eye: Eye, span: _DrumSpan, start: int) -> tuple[float, ...]:
 def _gains(spans: Sequence[_DrumSpan], counts: Sequence[int], turns: Floats) -> Image:
     """Return how bright the columns of drums are, (columns, 4), each drum at a place of its own along one line.
 
-    Args:
-        spans: the drums.
-        counts: the numbers of their columns.
-        turns: where the columns face from where the drum's texture begins.
+    `turns` are where the columns face, from where the drum's texture begins.
     """
     gains = [_EVEN if span.drum.gains is None else span.drum.gains for span in spans]
     places = [3 * number + span.drum.yaw_rad / (2 * math.pi) % 1.0 for number, span in enumerate(spans)]

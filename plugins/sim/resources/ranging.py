@@ -47,9 +47,7 @@ class RangingResource(RobotResource):
     def _measured(self, found_m: Array, spread: Array | float = 1.0) -> Array:
         """Return distances as the sensor measures them: with noise, which does not exceed the greatest range.
 
-        Args:
-            found_m: the true distances, of any shape.
-            spread: factor of the noise.
+        `spread` is a factor of the noise.
         """
         if self.noise_m:
             noise_m = self.noise_m * spread * self._generator.standard_normal(found_m.shape)

@@ -38,13 +38,7 @@ class RobotResource(Resource):
             return sense(now_s), now_s
 
     def _read(self, sense: Callable[[float], Any], unit: str | None = None, frame: str | None = None) -> EALData:
-        """Return a reading of the up-to-date world, with its time.
-
-        Args:
-            sense: returns the reading from the world's time in seconds.
-            unit: its unit.
-            frame: its frame on the robot, such as `base`.
-        """
+        """Return a reading of the up-to-date world, with its time; `sense` gets the world's time in seconds."""
         with self._world.lock:  # as _sense, in most readings
             now_s = self._world.catch_up()
             value = sense(now_s)

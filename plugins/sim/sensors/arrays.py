@@ -111,11 +111,7 @@ class WorldArrays:
     def spans_m(self, x_m: float, y_m: float, ux: Array, uy: Array) -> Span:
         """Return the spans of lines from one point in all bodies, each of shape (lines, n).
 
-        Args:
-            x_m: of the point.
-            y_m: of the point.
-            ux: unit directions of the lines, shape (lines, 1).
-            uy: likewise.
+        The unit directions of the lines have the shape (lines, 1).
         """
         dx, dy = self.x_m - x_m, self.y_m - y_m
         discs, rectangles = slice(self.first_rectangle), slice(self.first_rectangle, None)

@@ -23,11 +23,7 @@ if TYPE_CHECKING:
 
 
 def compass_rad(robot: SimRobot, noise_rad: float) -> float:
-    """Return the robot's yaw in (-pi, pi].
-
-    Args:
-        robot: the robot.
-        noise_rad: standard deviation of normal noise; 0 draws no random number.
+    """Return the robot's yaw in (-pi, pi]; a noise of 0 draws no random number.
 
     Raises:
         UnavailableError: the robot has no place in the world.

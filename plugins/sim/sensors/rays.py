@@ -35,10 +35,7 @@ _EARLY_S: Final = 1e-6  # times are counted in ticks, so that this is only round
 def ranges_m(world: SimWorld, robot: SimRobot, now_s: float) -> Array:
     """Return the distance from the robot's centre to the first hit of each ray, MAX_RANGE_M for no hit.
 
-    Args:
-        world: the robot's world.
-        robot: the robot; its rays ignore its own disc.
-        now_s: the world's time.
+    Its rays ignore its own disc.
 
     Returns:
         Shape (RAYS,); read-only.
@@ -53,12 +50,6 @@ def ranges_m(world: SimWorld, robot: SimRobot, now_s: float) -> Array:
 
 def free_way_m(world: SimWorld, robot: SimRobot, now_s: float, *, forward: bool) -> float:
     """Return the free distance from the robot's outline along its way, by its rays; infinity if they see nothing there.
-
-    Args:
-        world: the robot's world.
-        robot: the robot.
-        now_s: the world's time.
-        forward: whether it drives forward; else back.
 
     Raises:
         UnavailableError: the robot has no place in the world.
