@@ -13,7 +13,7 @@ SUDO := $(shell test "$$(id -u)" = 0 || echo sudo)
 INSTALL_VENV := { echo "Installing python3-venv, which $(PYTHON) -m venv needs"; $(SUDO) apt-get update -qq && $(SUDO) DEBIAN_FRONTEND=noninteractive apt-get install -y -qq python3-venv >/dev/null; }
 
 # What `evbotos build` and `evbotos run` call; evbotos/hosttools.py names each where one is missing.
-EVBOTOS_TOOLS := apt bc binutils bison cryptsetup-bin device-tree-compiler dosfstools dpkg e2fsprogs fdisk flex gcc gcc-aarch64-linux-gnu gcc-arm-linux-gnueabihf \
+EVBOTOS_TOOLS := apt bc binutils bison cryptsetup-bin device-tree-compiler dosfstools dpkg e2fsprogs exfatprogs fdisk flex gcc gcc-aarch64-linux-gnu gcc-arm-linux-gnueabihf \
 	grub-common libelf-dev libssl-dev make mtools openssh-client ovmf qemu-system-arm qemu-system-x86 squashfs-tools \
 	tar u-boot-tools xz-utils zstd
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from evbotos.disk import parts_of
+from evbotos.errors import BuildError
 from evbotos.qemu import Machine
 from evbotos.shell import run as run_tool
 from evbotos.update import write_update
@@ -91,6 +92,20 @@ def plug_in(machine: Machine, stick: Path) -> None:
     """Plug a USB stick in."""
     machine.ask("blockdev-add", driver="raw", **{"node-name": "stick"}, file={"driver": "file", "filename": str(stick)})
     machine.ask("device_add", driver="usb-storage", id="stick", drive="stick")
+
+
+def unplug(machine: Machine) -> None:
+    """Pull the USB stick out."""
+    machine.ask("device_del", id="stick")
+
+    def is_out() -> bool:
+        try:
+            machine.ask("blockdev-del", **{"node-name": "stick"})
+        except BuildError:  # the device still has it
+            return False
+        return True
+
+    wait_until(machine, "the stick is out", is_out)
 
 
 def update_of(proof: Proof, folder: Path, **changes: str) -> Path:

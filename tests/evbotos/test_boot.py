@@ -11,6 +11,7 @@ import pytest
 from eal_actors.kernel.log import get_logger
 from evbotos import slots
 from evbotos.disk import MIB, parts_of
+from evbotos.hosttools import find_tool
 from evbotos.model import EmulatorLoader
 from evbotos.qemu import Machine
 from evbotos.shell import run as run_tool
@@ -34,6 +35,7 @@ from tests.evbotos.proofs import (
     prove_updates,
     restart,
     stick_with,
+    unplug,
     update_of,
     wait_for_good,
 )
@@ -87,6 +89,30 @@ def test_a_stick_that_the_kernel_gave_up_on_is_tried_again(proof: Proof, machine
     plug_in(machine, stick)
     wait_for_words(machine, f"/media/sda/fleet.yaml {SERVES}")
     answer(proof, machine, "test -e /tmp/given-up")
+
+
+def test_a_stick_is_read_with_exfat_and_refused_without_a_file_system(
+    proof: Proof, machine: Machine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if find_tool("mkfs.exfat") is None:
+        pytest.skip("not installed: exfatprogs (make evbotos-setup)")
+    stick = tmp_path / "stick.img"
+    with stick.open("wb") as file:
+        file.truncate(16 * MIB)
+    wait_for_words(machine, SERVES)
+    plug_in(machine, stick)
+    wait_for_words(machine, "evbotos: sda cannot be read: format it as FAT, exFAT or ext4")
+    unplug(machine)
+    run_tool(["mkfs.exfat", stick])
+    plug_in(machine, stick)
+    wait_until(machine, "the stick is mounted", lambda: " exfat ro," in ssh(proof, machine, "cat /proc/mounts").stdout)
+    robot = run_binary(["tar", "-C", proof.robot_files, "-c", "."])
+    answer(proof, machine, "mount -o remount,rw /media/sda && tar -x -o -C /media/sda && umount /media/sda", robot)
+    unplug(machine)
+    plug_in(machine, stick)
+    wait_for_words(machine, f"/media/sda/fleet.yaml {SERVES}")
+    assert "drwxr-x---" in answer(proof, machine, "ls -ld /media/sda")  # keys are for the robot only
+    first_answer_s(proof, machine, monkeypatch)
 
 
 def test_updates_are_refused_tried_and_fallen_back_from(proof: Proof, machine: Machine, tmp_path: Path) -> None:
