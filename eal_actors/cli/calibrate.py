@@ -48,13 +48,17 @@ _WAYS: Final[dict[Way, str]] = {"cw": "clockwise", "ccw": "counter-clockwise"}
 
 @dataclass(frozen=True, slots=True)
 class _SquareTest:
-    """Settings of the square test. `wheelbase_m` defaults to that of the base; `ends` replaces driving."""
+    """Settings of the square test. `wheelbase_m` defaults to that of the base; `ends` replaces driving.
+
+    `keeps` says that the result is written; else a robot that others serve must not keep it either.
+    """
 
     side_m: float
     squares: int
     wheelbase_m: float | None
     ends: SquareEnds | None
     console: Console
+    keeps: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +173,7 @@ def calibrate_robots(
         require_own(config, "calibrate with that")  # fails before a robot drives
     names = list(dict.fromkeys(robot or config.robots))
     console = stderr() if as_json else stdout()
-    test = _SquareTest(side, runs, wheelbase, _read_measured(ends, names), console)
+    test = _SquareTest(side, runs, wheelbase, _read_measured(ends, names), console, write)
     with Fleet(config).connect(names) as opened, plugin_advice(opened):
         results = _calibrate_all(opened, names, test)
     written = {result.robot: _write_result(config, result, side) for result in results if write and result.is_better}
@@ -221,8 +225,15 @@ def _calibrate(fleet: Fleet, name: str, test: _SquareTest) -> _CalibrationResult
     fit = fit_squares(before, test.side_m, wheelbase_m, known or NOMINAL)
     if known is None:
         return _CalibrationResult(name, wheelbase_m, known, before, fit, None)
+    result = None
     calibrate_base(robot, fit.calibration)
-    return _CalibrationResult(name, wheelbase_m, known, before, fit, _drive(robot, measurement, test, "after"))
+    try:
+        after = _drive(robot, measurement, test, "after")
+        result = _CalibrationResult(name, wheelbase_m, known, before, fit, after)
+        return result
+    finally:
+        if not (test.keeps and result is not None and result.is_better):
+            calibrate_base(robot, known)
 
 
 def _drive(robot: RobotHandle, measurement: SquareMeasurement, test: _SquareTest, when: str) -> SquareEnds:

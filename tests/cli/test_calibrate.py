@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from eal_actors.cli import app
-from eal_actors.cli.calibrate import _CalibrationResult
+from eal_actors.cli.calibrate import _calibrate, _CalibrationResult, _SquareTest
+from eal_actors.cli.output import stderr
 from eal_actors.device.differential_base import NOMINAL, WheelCalibration
+from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.lock_step import MAX
+from eal_actors.lab.calibration.drive import calibration_of_base
 from eal_actors.lab.calibration.fit import fit_squares
 from eal_actors.lab.calibration.square import SquareEnds, square_end, write_square_ends
 from eal_actors.managers.config import EALConfigManager
@@ -76,6 +81,17 @@ def test_where_nothing_is_gained_nothing_is_written(eal: Program, write: Write) 
     assert set(codes) == {0, 1}
     first = next(result for result in results if result.exit_code)
     assert "mate: the second run is not better" in first.stdout
+
+
+@pytest.mark.parametrize("keeps", [True, False])
+def test_a_base_keeps_a_calibration_only_if_it_is_written(lab: Path, keeps: bool) -> None:
+    """A robot that others serve would drive with it until they restart."""
+    config = replace(EALConfigManager.load(lab).fleet, rate=MAX)
+    with Fleet(config).connect(["rob"]) as fleet:
+        before = calibration_of_base(fleet["rob"])
+        result = _calibrate(fleet, "rob", _SquareTest(1.0, 2, None, None, stderr(), keeps))
+        assert result.is_better
+        assert calibration_of_base(fleet["rob"]) == (result.fit.calibration if keeps else before)
 
 
 def test_ends_from_a_file(eal: Program, lab: Path, ends: Path) -> None:

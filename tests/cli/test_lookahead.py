@@ -106,7 +106,7 @@ class Pose(Resource):
 def test_a_robot_with_a_strange_pose_ends_no_look_ahead_for_the_others(tmp_path: Path) -> None:
     write_plugin(tmp_path, "flat", POSE.format(shape="(2,)", value="[1.0, 2.0]"), "Pose")
     write_plugin(tmp_path, "honest", POSE.format(shape="(3,)", value="[1.0, 2.0, 0.0]"), "Pose")
-    robots = {name: {"plugins": {name: {}}} for name in ("flat", "honest")}
+    robots: dict[str, object] = {name: {"plugins": {name: {}}} for name in ("flat", "honest")}
     content = {"version": 1, "name": "f", "clock": {"rate": "max"}, "plugin_dirs": ["plugins"], "robots": robots}
     (tmp_path / "f.yaml").write_text(json.dumps(content))
     looks: list[float] = []

@@ -161,8 +161,9 @@ class Broken(Resource):
 
 
 def test_a_robot_that_did_not_start_hides_no_parameters_of_others(tmp_path: Path) -> None:
-    write_plugin(tmp_path, "good", PROBES, "Good"), write_plugin(tmp_path, "broken", PROBES, "Broken")
-    robots = {"q": {"plugins": {"broken": {}}}, "r": {"plugins": {"good": {}}}}
+    write_plugin(tmp_path, "good", PROBES, "Good")
+    write_plugin(tmp_path, "broken", PROBES, "Broken")
+    robots: dict[str, object] = {"q": {"plugins": {"broken": {}}}, "r": {"plugins": {"good": {}}}}
     (tmp_path / "f.yaml").write_text(json.dumps({"version": 1, "plugin_dirs": ["plugins"], "robots": robots}))
     with Fleet.load(tmp_path / "f.yaml").connect() as fleet:
         found = ViewerControl(fleet).on_get_parameters(None, [])
