@@ -69,19 +69,19 @@ def split_at_breaks(path: Sequence[PoseSample], breaks_s: Sequence[float]) -> li
 
 
 class PoseRecorder(ExitStack):
-    """Samples the pose of every robot periodically inside its `with` block.
+    """Samples the pose of every robot, ten times a second of the fleet's clock, inside its `with` block.
 
     The pose is the true one where there is one, in simulation, else the estimate. A robot that does not answer within
     the period is skipped until it has answered. A robot whose Pose is no pose is not sampled again. Robots without a
-    Pose are ignored. `period_s` is by the fleet's clock.
+    Pose are ignored.
     """
 
-    def __init__(self, fleet: Fleet, robots: Iterable[str], period_s: float = POSE_PERIOD_S) -> None:
+    def __init__(self, fleet: Fleet, robots: Iterable[str]) -> None:
         super().__init__()
         poses = [fleet[name][pose] for name in robots if (pose := path_resource(fleet[name])) is not None]
         self._clock = fleet.clock
         self._paths: dict[str, list[PoseSample]] = {pose.robot: [] for pose in poses}
-        self._sampler = Sampler(fleet.clock, [SampleSpec(pose, period_s) for pose in poses], self._add)
+        self._sampler = Sampler(fleet.clock, [SampleSpec(pose, POSE_PERIOD_S) for pose in poses], self._add)
 
     def __enter__(self) -> Self:
         self.enter_context(self._sampler)

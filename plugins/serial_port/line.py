@@ -118,14 +118,25 @@ class Line(Resource):
             while True:
                 self._receive()
                 is_late = (left_s := end_s - self._clock.now()) <= 0
-                is_first = self._readers[0] is turn
-                if is_late or (is_first and len(self._waiting) >= length):
-                    data = bytes(self._waiting[:length]) if is_first else b""
-                    del self._waiting[: len(data)]
+                if self._readers[0] is turn and (data := self._take(length, is_late=is_late)) is not None:
                     return data
+                if is_late:
+                    return self._nothing()
                 yield min(LOOK_S, left_s)
         finally:
             self._readers.remove(turn)
+
+    def _take(self, length: int, *, is_late: bool) -> bytes | None:
+        """Return what a read gets now; None if it has to wait."""
+        if len(self._waiting) < length and not is_late:
+            return None
+        data = bytes(self._waiting[:length])
+        del self._waiting[:length]
+        return data
+
+    def _nothing(self) -> bytes:
+        """Return what a read gets after the time-out if it has not had its turn."""
+        return b""
 
     def _write(self, data: bytes) -> Generator[float, None, int]:
         turn, rest, end_s = object(), memoryview(data), self._clock.now() + self.timeout_s

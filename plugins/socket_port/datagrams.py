@@ -8,7 +8,7 @@ from typing import Final
 
 from eal_actors.plugin import Activity, ArgumentError, Clock, EALData, ReopeningPort, UnavailableError
 
-from ..serial_port.line import LOOK_S, Line
+from ..serial_port.line import Line
 
 MOST_BYTES: Final = 65507
 """The longest datagram over IPv4."""
@@ -67,20 +67,12 @@ class Datagrams(Line):
         while datagram := self.port.read():
             self._datagrams.append(datagram)
 
-    def _read(self, length: int) -> Generator[float, None, bytes]:
-        turn, end_s = object(), self._clock.now() + self.timeout_s
-        self._readers.append(turn)
-        try:
-            while True:
-                self._receive()
-                if self._readers[0] is turn and self._datagrams:
-                    if (size := len(self._datagrams[0])) > length:
-                        raise ArgumentError(
-                            f"the next datagram has {size} bytes, more than the {length} requested; it stays"
-                        )
-                    return self._datagrams.popleft()
-                if (left_s := end_s - self._clock.now()) <= 0:
-                    raise UnavailableError(f"no datagram came from {self.port.name} within {self.timeout_s:g} s")
-                yield min(LOOK_S, left_s)
-        finally:
-            self._readers.remove(turn)
+    def _take(self, length: int, *, is_late: bool) -> bytes | None:  # noqa: ARG002  # as in Line
+        if not self._datagrams:
+            return None
+        if (size := len(self._datagrams[0])) > length:
+            raise ArgumentError(f"the next datagram has {size} bytes, more than the {length} requested; it stays")
+        return self._datagrams.popleft()
+
+    def _nothing(self) -> bytes:
+        raise UnavailableError(f"no datagram came from {self.port.name} within {self.timeout_s:g} s")

@@ -104,7 +104,7 @@ def worst_m(simulation: Simulation, rule: Formation) -> float:
 def test_a_shape_is_formed_without_near_misses() -> None:
     with (
         Simulation(fleet_file("formation")) as simulation,
-        PoseRecorder(simulation.fleet, robots_of(simulation), 0.1) as recorder,
+        PoseRecorder(simulation.fleet, robots_of(simulation)) as recorder,
     ):
         report, _ = run(simulation, "formation", shape="wedge", spacing_m=0.8)
         assert (report.error, report.outcome) == (None, "done")

@@ -90,8 +90,8 @@ class WorkBudget:
             _local.budget = outer
 
 
-def size_of(value: object, limit: int = MAX_SIZE) -> int:
-    """Return the size of a value; a number over the limit if it is larger, or nested too deep."""
+def size_of(value: object) -> int:
+    """Return the size of a value; a number over MAX_SIZE if it is larger, or nested too deep."""
     if type(value) in SCALARS:
         return 1
     size, level = 0, [value]
@@ -104,13 +104,13 @@ def size_of(value: object, limit: int = MAX_SIZE) -> int:
             if isinstance(item, str):
                 size += len(item)
             elif isinstance(item, list | tuple | Mapping):
-                if size + len(inner) + len(item) > limit:
-                    return limit + 1
+                if size + len(inner) + len(item) > MAX_SIZE:
+                    return MAX_SIZE + 1
                 inner += item.values() if isinstance(item, Mapping) else item
         if not inner:
             return size
         level = inner
-    return limit + 1
+    return MAX_SIZE + 1
 
 
 def require_small(value: object, what: str) -> None:
