@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Final, Literal
+import math
+from typing import Final, Literal, Self
+
+from pydantic import model_validator
 
 from eal_actors.plugin import Drivetrain, Field, OdometryNoise, PluginContext, open_serial
 
 from .base import Base
 from .connecting import EvBotPlugin, SessionSettings, disconnect, open_base_port, start_session
 from .emulator import TRACKS, simulated_evbot2
-from .messages import OrderChannel
+from .messages import MAX_NUMBER, TAGS, BaseReply, Code, OrderChannel, State, Verb, WheelStatus
 from .odometry import Odometer
-from .protocol import BAUD_RATE, MODEL, host_codec
+from .protocol import BAUD_RATE, MODEL, encode_reply, host_codec
 from .session import BaseSession
 
 __all__ = ["Settings", "connect", "disconnect"]
@@ -23,6 +26,11 @@ DRIVETRAIN: Final = Drivetrain(
 
 NOISE: Final = OdometryNoise(DRIVETRAIN.track_m, 0.004, 0.006, scale_share=0.01, drift_rad_m=0.05, turn_share=0.15)
 """Its tracks skid: they turn less than they count, by how much depends on the floor."""
+
+_LONGEST: Final = WheelStatus(MAX_NUMBER, TAGS - 1, State.SILENT, -MAX_NUMBER, -MAX_NUMBER, 1)
+_STATUS_BITS: Final = 10 * len(encode_reply(BaseReply(Verb.STAT, TAGS - 1, Code.OK, _LONGEST)))
+_LINE_SHARE: Final = 0.9
+"""The share of the line that the replies to polls may take. If they took more, each would come later than the last."""
 
 
 class Settings(SessionSettings):
@@ -36,6 +44,13 @@ class Settings(SessionSettings):
     """Level of the control line DTR: false where it would reset the micro-controller."""
     rts: bool = True
     """Level of the control line RTS."""
+
+    @model_validator(mode="after")
+    def _check_line(self) -> Self:
+        most_hz = math.floor(_LINE_SHARE * self.baudrate / _STATUS_BITS)
+        if self.poll_hz > most_hz:
+            raise ValueError(f"poll_hz must be at most {most_hz} at {self.baudrate} baud, not {self.poll_hz:g}")
+        return self
 
 
 def connect(context: PluginContext) -> EvBotPlugin:

@@ -11,8 +11,9 @@ from eal_actors.plugin import Field, PluginSettingsModel, WheelCalibration
 from . import oi, sci
 from .tinyos import Header, TinyosFraming
 
-BAUD_RATES: Final = {"sci": (sci.BAUD_RATE, 19200), "oi": (oi.BAUD_RATE, 19200)}
-"""The baud rates of each protocol; the first one is the default."""
+BAUD_RATES: Final = {"sci": (sci.BAUD_RATE, 19200), "oi": (oi.BAUD_RATE,)}
+"""The baud rates of each protocol; the first one is the default. At 19200, a frame of the OI's stream would take longer
+than the 15 ms to the next one: readings would be older and older."""
 SIMULATED: Final = "sim:"
 """A port that begins so is one of the simulation."""
 
@@ -58,7 +59,7 @@ class Settings(PluginSettingsModel):
     """The serial port: a device path, a URL of pyserial such as socket://host:port, or a simulated port such as
     sim://world/NAME. Only `link: sim` may leave it out, for the robot of the same name in the simulated world."""
     baudrate: Literal[115200, 57600, 19200] | None = None
-    """Baud rate of the Roomba: 57600 for `sci`, 115200 for `oi`, or 19200, which it uses if a button was held while it
+    """Baud rate of the Roomba: 115200 for `oi`; 57600 for `sci`, or 19200, which it uses if a button was held while it
     was switched on."""
     dtr: bool = True
     """Level of the control line DTR, which wakes the Roomba where it is wired to device detect (BRC)."""
@@ -75,9 +76,10 @@ class Settings(PluginSettingsModel):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if self.baudrate is not None and self.baudrate not in BAUD_RATES[self.protocol]:
-            usual, slow = BAUD_RATES[self.protocol]
-            raise ValueError(f"baudrate is {usual} or {slow} with protocol: {self.protocol}, not {self.baudrate}")
+        rates = BAUD_RATES[self.protocol]
+        if self.baudrate is not None and self.baudrate not in rates:
+            takes = " or ".join(map(str, rates))
+            raise ValueError(f"baudrate is {takes} with protocol: {self.protocol}, not {self.baudrate}")
         if self.link == "mote" and self.protocol == "oi":
             raise ValueError("link: mote needs protocol: sci")
         if self.mote is not None and self.link != "mote":

@@ -99,6 +99,14 @@ def test_settings_that_make_no_sense_are_refused(settings: dict[str, object]) ->
         pass
 
 
+@pytest.mark.parametrize(("baudrate", "most_hz"), [(9600, 13), (19200, 26)])
+def test_polls_whose_replies_do_not_fit_into_the_line_are_refused(baudrate: int, most_hz: int) -> None:
+    settings = {"port": "loop://", "baudrate": baudrate}
+    plugin.Settings.model_validate({**settings, "poll_hz": most_hz})
+    with pytest.raises(ValueError, match=f"poll_hz must be at most {most_hz} at {baudrate} baud"):
+        plugin.Settings.model_validate({**settings, "poll_hz": most_hz + 1})
+
+
 @pytest.mark.parametrize(
     ("port", "words"),
     [("nonsense://x", "nonsense://x"), ("sim://world/rob", "no simulated ports here"), ("socket://x", "socket://x")],

@@ -9,11 +9,14 @@ import pytest
 from eal_actors.kernel.errors import NotReadyError, ResourceFaultError, UnavailableError
 from eal_actors.plugin import EALData
 from plugins.roomba.bodies import FreeRoombaBody
-from plugins.roomba.oi import METRES_A_COUNT, WHEELBASE_M
+from plugins.roomba.oi import METRES_A_COUNT, STREAM_PERIOD_S, WHEELBASE_M
+from plugins.roomba.oi_driver import STREAMED
 from plugins.roomba.oi_emulator import OiEmulator
+from plugins.roomba.packets import stream_frame
 from plugins.roomba.panel import OiButtons, OiLeds, OiSong
 from plugins.roomba.resources import OiWheelDrop, RoombaBattery, RoombaBump, RoombaOdometry, RoombaPower
 from plugins.roomba.sci import Mode
+from plugins.roomba.settings import BAUD_RATES
 from tests.unit.plugins.roomba.oi_rig import STREAM, OiRig
 
 STOP = bytes([145, 0, 0, 0, 0, 0])
@@ -38,6 +41,12 @@ def test_it_wakes_step_by_step_and_has_its_sensors_streamed(mode: Mode, sent: by
     assert rig.take_sent() == b""  # the stream needs no asking
     assert rig.roomba.latest().power.voltage_mv == 16100
     assert rig.roomba.mode is mode
+
+
+@pytest.mark.parametrize("baud_rate", BAUD_RATES["oi"])
+def test_a_frame_of_the_stream_is_over_before_the_next_one(baud_rate: int) -> None:
+    frame = stream_frame(dict.fromkeys(STREAMED, 0), STREAM[2:])
+    assert len(frame) * 10 / baud_rate < STREAM_PERIOD_S
 
 
 @pytest.mark.parametrize("poll_hz", [5, 20, 50])
