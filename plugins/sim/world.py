@@ -71,6 +71,7 @@ class SimWorld:
         is_solid: bool = True,
     ) -> None:
         self.model: Final = model or EMPTY_ROOM
+        self.is_solid: Final = is_solid
         self._clock = clock
         self._seed = seed
         self.lock: Final = threading.Lock()
@@ -85,7 +86,7 @@ class SimWorld:
         self._driven: list[SimRobot] = []
         self._free: FreeRobots[SimRobot] = FreeRobots(self.tick_s)
         self._tick_callbacks: list[TickCallback] = []
-        self._groups = count(1) if is_solid else repeat(1)  # one group: no touch, no sensing
+        self._groups = count(1) if is_solid else repeat(1)  # in one group they do not meet
         self.contacts: Final[list[Contact]] = [] if contacts is None else contacts
         self._touched_s: dict[frozenset[str], float] = {}  # when each pair has touched the last time
         self._engine = ContactEngine(self.model, self.tick_s, self._note_contact)

@@ -97,7 +97,7 @@ def depths_m(world: SimWorld, robot: SimRobot, eye: Eye) -> Array:
     for number, other in enumerate(world.robots):
         make = other.make
         (_, heights_m[number]), *heads = outline_m(make.radius_m, make.height_m, make.camera_height_m)
-        if number == own:
+        if number == own or not world.is_solid:
             leave_m[:, number] = -np.inf
             continue
         for radius_m, top_m in heads:

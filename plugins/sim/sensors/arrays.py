@@ -8,7 +8,6 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from eal_actors.device.world import WorldModel
 from eal_actors.plugin import UnavailableError
 
 from ..robot import SimRobot
@@ -88,7 +87,7 @@ class WorldArrays:
             return
         robots, boxes = world.robots, world.boxes
         if len(robots) != len(self._rows) or self.version < 0:
-            self._build(world.model, robots, boxes)
+            self._build(world, robots, boxes)
         if robots:
             self._poses[:, : len(robots)] = np.array([robot.pose for robot in robots]).T
         if boxes:
@@ -135,11 +134,13 @@ class WorldArrays:
         axes = self.cos[bodies], self.sin[bodies], self.half_x_m[bodies], self.half_y_m[bodies]
         return rectangle_span_m(dx, dy, ux, uy, *axes)
 
-    def _build(self, model: WorldModel, robots: tuple[SimRobot, ...], boxes: tuple[SimBox, ...]) -> None:
+    def _build(self, world: SimWorld, robots: tuple[SimRobot, ...], boxes: tuple[SimBox, ...]) -> None:
+        model = world.model
         self.half_room_m = np.array(model.size_m[0] / 2), np.array(model.size_m[1] / 2)
         self._rows = {robot.name: row for row, robot in enumerate(robots)}
         obstacles = model.solid_obstacles
-        low: list[_Row] = [_disc_row(0.0, 0.0, robot.make.radius_m, 0.0) for robot in robots]
+        radii_m = (robot.make.radius_m if world.is_solid else math.nan for robot in robots)  # NaN meets no line
+        low: list[_Row] = [_disc_row(0.0, 0.0, radius_m, 0.0) for radius_m in radii_m]
         low += [_disc_row(post.x_m, post.y_m, post.radius_m, post.height_m) for post in model.beacons]
         pillars = [_disc_row(o.x_m, o.y_m, o.radius_m, o.height_m) for o in obstacles if o.kind == "circle"]
         movable = [box.model for box in boxes]

@@ -213,3 +213,17 @@ def test_contacts_name_both_and_count_once() -> None:
     assert pairs == [("away", "the north wall"), ("one", "still")]
     (met,) = [contact for contact in world.contacts if contact.robot == "one"]
     assert met.time_s == pytest.approx(touched_s[0], abs=2 * TICK_S)
+
+
+def test_robots_that_are_not_solid_neither_touch_nor_sense_each_other() -> None:
+    fleet = Fleet()
+    fleet.services.solid_robots = False
+    sensors = {"lidar": {"noise_m": 0.0}, "depth_camera": {"noise_m": 0.0}}
+    mover = fleet.add("a", (0, 0, 0), **sensors)
+    fleet.add("b", (0.6, 0, 0))
+    wall_m = 3.0
+    assert mover.resource("Range").get_value().value[0] == pytest.approx(wall_m)
+    assert mover.resource("Lidar").get_value().value[180] == pytest.approx(wall_m)
+    assert mover.resource("DepthCamera").get_value().value[120, 160] == pytest.approx(wall_m, abs=0.01)
+    mover.do("f1")
+    assert mover.pose[0] == pytest.approx(1.0, abs=0.05)
