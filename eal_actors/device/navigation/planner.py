@@ -29,6 +29,7 @@ _PIECES: Final = 24  # points that are added to a path before each pass of pulli
 _PASSES: Final = 4
 _BLIND: Final = 6  # so many points in a row that one does not see end its search for shortcuts
 _WAYS_OUT: Final = 200  # cells that are tried to leave a start that is not free
+_REACH: Final = 32  # cells around a point that are searched first for free ones: all of a large map take a gigabyte
 _STRAIGHT: Final = 1e-9
 _GAIN: Final = 0.999  # a pass that shortens a path by less is the last one
 
@@ -96,9 +97,16 @@ def _shown(point: Sequence[float]) -> str:
 
 def _by_distance(grid: OccupancyGrid, point: Point) -> list[Point]:
     """Return the centres of the free cells nearest to a point, the nearest first."""
-    free = grid.centres(np.argwhere(~grid.blocked))
-    order = np.argsort(np.hypot(*(free - point).T), kind="stable")[:_WAYS_OUT]
-    return [(x, y) for x, y in free[order].tolist()]
+    ((column, row),) = grid.continuous(point).astype(int).tolist()
+    reach = _REACH
+    while True:
+        first = max(row - reach, 0), max(column - reach, 0)
+        window = grid.blocked[first[0] : row + reach + 1, first[1] : column + reach + 1]
+        free = grid.centres(np.argwhere(~window) + first)
+        away_m = np.hypot(*(free - point).T)
+        if window.size == grid.blocked.size or (away_m <= reach * grid.resolution_m).sum() >= _WAYS_OUT:
+            return [(x, y) for x, y in free[np.argsort(away_m, kind="stable")[:_WAYS_OUT]].tolist()]
+        reach *= 2
 
 
 def _nearest_free(grid: OccupancyGrid, point: Point) -> str:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+import tracemalloc
 from itertools import combinations, pairwise
 
 import networkx
@@ -147,6 +149,31 @@ def test_a_goal_nearer_to_a_wall_than_the_robots_radius_is_refused() -> None:
     grid = grid_from_world(load_world("empty")).inflated(0.2)
     with pytest.raises(NoPathError, match="is too near to an obstacle for the robot; the nearest free position is"):
         plan_path(grid, (0, 0), (2.9, 0))
+
+
+@pytest.mark.parametrize("half", [3, 40, 90])
+@pytest.mark.parametrize("yaw_rad", [0.0, 0.7])
+def test_the_nearest_free_position_is_found_however_far_it_is(half: int, yaw_rad: float) -> None:
+    cells = np.zeros((200, 300), np.int8)
+    cells[100 - half : 100 + half, 120 - half : 120 + half] = 100
+    grid = OccupancyGrid(cells, 0.1, GridOrigin(-3.0, 2.0, yaw_rad))
+    goal = point_of(grid, (100, 118))
+    centres = grid.centres(np.argwhere(~grid.blocked))
+    x_m, y_m = centres[np.hypot(*(centres - goal).T).argmin()]
+    with pytest.raises(NoPathError, match=re.escape(f"the nearest free position is ({x_m:.3g}, {y_m:.3g})")):
+        plan_path(grid, point_of(grid, (1, 1)), goal)
+
+
+def test_a_start_at_a_wall_of_a_large_map_takes_little_memory() -> None:
+    grid = OccupancyGrid(np.zeros((1500, 1500), np.int8), 0.05, GridOrigin(0.0, 0.0)).inflated(0.2)
+    plan_path(grid, (5.0, 5.0), (6.0, 5.0))  # makes the sums of the grid
+    tracemalloc.start()
+    try:
+        plan_path(grid, (0.1, 5.0), (2.0, 5.0))
+        _, most_bytes = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most_bytes < 16 * grid.cells.size  # the places of all cells take several times as much
 
 
 def test_a_search_ends_at_its_bound() -> None:
