@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -17,7 +16,7 @@ from eal_actors.kernel.clock import wall_time
 from eal_actors.kernel.errors import ScenarioError, error_text, file_error
 from eal_actors.recording.mcap_file import RECORD_FILE, McapContent, read_mcap
 from eal_actors.recording.poses import PoseSample
-from eal_actors.scenario.report.events import event_problem
+from eal_actors.scenario.report.events import read_events
 from eal_actors.scenario.report.journal import EVENTS, SUMMARY
 from eal_actors.scenario.report.summary import Report
 
@@ -78,21 +77,7 @@ class RunFolder:
     @cached_property
     def events(self) -> tuple[dict[str, Any], ...]:
         """The events in their order, without a last line that a crash cut off."""
-        file = self.path / EVENTS
-        lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
-        events: list[dict[str, Any]] = []
-        for number, line in enumerate(lines, 1):
-            try:
-                event = json.loads(line)
-            except ValueError as error:
-                if number == len(lines):
-                    break
-                raise ScenarioError(f"{file}:{number}: is no event: {error}") from error
-            problem = event_problem(event if isinstance(event, dict) else {})
-            if problem is not None:
-                raise ScenarioError(f"{file}:{number}: is no event: {problem}")
-            events.append(event)
-        return tuple(events)
+        return tuple(read_events(self.path / EVENTS))
 
     @cached_property
     def paths(self) -> dict[str, list[PoseSample]]:

@@ -198,11 +198,23 @@ def test_what_is_no_run_that_was_cut_off(two: Fleet, tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match="has no record of a run: No such file"):
         read_run(tmp_path)
     (tmp_path / "events.jsonl").write_text("hello\n")
-    with pytest.raises(ScenarioError, match=r"events.jsonl:1: is not JSON"):
+    with pytest.raises(ScenarioError, match=r"events.jsonl:1: is no event: Expecting value"):
         read_run(tmp_path)
-    (tmp_path / "events.jsonl").write_text('{"event": "log"}\n')
+    (tmp_path / "events.jsonl").write_text('{"event": "log", "time_s": 0, "robot": null, "text": ""}\n')
     with pytest.raises(ScenarioError, match="does not begin with the event run_started"):
         read_run(tmp_path)
+
+
+def test_a_damaged_event_is_named_by_its_line(tmp_path: Path) -> None:
+    with rigs(tmp_path, head="clock: {rate: 50}", a={}, b={"slowness": 2}):
+        scenario(tmp_path, STEPS)
+        events = crash(tmp_path) / "events.jsonl"
+    lines = events.read_text().split("\n")
+    number = next(number for number, line in enumerate(lines, 1) if '"checkpoint"' in line)
+    lines[number - 1] = lines[number - 1].replace("next_step", "text_step")
+    events.write_text("\n".join(lines))
+    with pytest.raises(ScenarioError, match=f"events.jsonl:{number}: is no event: checkpoint: next_step: is missing"):
+        read_run(tmp_path / "run")
 
 
 def test_robots_that_left_stay_away(tmp_path: Path) -> None:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cache
+from pathlib import Path
 from typing import Any, ClassVar, Final
 
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import to_jsonable_python
 from typing_extensions import override
 
+from eal_actors.kernel.errors import ScenarioError
 from eal_actors.kernel.strict_model import wording_of
 from eal_actors.scenario.report.records import is_recordable, to_record
 from eal_actors.scenario.report.summary import ErrorReport, Report, StartReport, StepRecord
@@ -247,8 +250,30 @@ def _checker(kind: str) -> TypeAdapter[RunEvent]:
     return TypeAdapter(_RECORDED[kind])
 
 
-def event_problem(event: Mapping[str, Any]) -> str | None:
-    """Return why an event of a record cannot be read: the first field that is missing or wrong; else None."""
+def read_events(file: Path) -> list[dict[str, Any]]:
+    """Return the events of a record, without a last line that a crash cut off.
+
+    Raises:
+        OSError: the file cannot be read.
+        ScenarioError: a line is no event.
+    """
+    lines = file.read_text(encoding="utf-8", errors="replace").split("\n")
+    return [_read(line, f"{file}:{number}") for number, line in enumerate(lines[:-1], 1)]
+
+
+def _read(line: str, place: str) -> dict[str, Any]:
+    try:
+        event = json.loads(line)
+    except ValueError as error:
+        raise ScenarioError(f"{place}: is no event: {error}") from error
+    event = event if isinstance(event, dict) else {}
+    if (problem := _problem(event)) is not None:
+        raise ScenarioError(f"{place}: is no event: {problem}")
+    return event
+
+
+def _problem(event: Mapping[str, Any]) -> str | None:
+    """Return why an event cannot be read: the first field that is missing or wrong; else None."""
     if not isinstance(event.get("event"), str) or not _is_time(event.get("time_s")):
         return "it needs 'event' and 'time_s', a number"
     try:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from eal_actors.kernel.errors import EALError, ScenarioError
 from eal_actors.scenario.language.scenario import Scenario, scenario_hash
+from eal_actors.scenario.report.events import RunStarted, read_events
 from eal_actors.scenario.report.journal import EVENTS, SUMMARY
 from eal_actors.scenario.report.summary import ErrorReport, StartReport, StepRecord
 
@@ -70,24 +68,12 @@ def read_run(directory: Path) -> Resumption:
     if (directory / SUMMARY).exists():
         raise ScenarioError(f"the run in {directory} has ended; only an interrupted run can be resumed")
     try:
-        lines = (directory / EVENTS).read_text(encoding="utf-8", errors="replace").split("\n")
+        events = read_events(directory / EVENTS)
     except OSError as error:
         raise ScenarioError(f"{directory} has no record of a run: {error.strerror}") from error
-    events = [_read(line, directory, number) for number, line in enumerate(lines[:-1], 1)]  # the last one was cut off
-    if not events or events[0].get("event") != "run_started":
+    if not events or events[0]["event"] != RunStarted.kind:
         raise ScenarioError(f"{directory / EVENTS} does not begin with the event run_started")
-    try:
-        return _gather(directory, events)
-    except (KeyError, TypeError, ValueError, ValidationError) as error:
-        raise ScenarioError(f"{directory / EVENTS} is not a record that this release can resume: {error}") from error
-
-
-def _read(line: str, directory: Path, number: int) -> dict[str, Any]:
-    try:
-        event = json.loads(line)
-    except ValueError as error:
-        raise ScenarioError(f"{directory / EVENTS}:{number}: is not JSON: {error}") from error
-    return event if isinstance(event, dict) else {}
+    return _gather(directory, events)
 
 
 def _gather(directory: Path, events: list[dict[str, Any]]) -> Resumption:
@@ -148,7 +134,7 @@ def _cut_off(started: Iterable[dict[str, Any]], time_s: float) -> Iterator[StepR
         yield StepRecord.model_validate(
             {
                 **fields,
-                "kind": event["step_kind"],
+                "kind": event.get("step_kind", ""),
                 "start_s": event["time_s"],
                 "end_s": time_s,
                 "outcome": "aborted",
