@@ -21,8 +21,9 @@ from typing_extensions import override
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.inbox import Action, Inbox
+from eal_actors.device.plugin_context import crash_text
 from eal_actors.kernel.clock import Clock
-from eal_actors.kernel.errors import EALError, UnavailableError, error_text
+from eal_actors.kernel.errors import EALError, UnavailableError
 from eal_actors.kernel.log import get_logger
 from eal_actors.kernel.unwinding import AbandonedThread, raise_in
 
@@ -119,7 +120,7 @@ class EALActor(pykka.ThreadingActor):
                     reply_to.set_exception()
                     continue
                 if reply_to is not None:
-                    reply_to.set_exception(UnavailableError(f"it crashed: {error_text(error)}"))
+                    reply_to.set_exception(UnavailableError(f"it crashed: {crash_text(error)}"))
                 self.crash(error)
 
     @override
@@ -179,7 +180,7 @@ class EALActor(pykka.ThreadingActor):
         """Stop this actor because of an error and report it. Thread: the actor's own."""
         pykka.ActorRegistry.unregister(self.actor_ref)
         self.actor_stopped.set()
-        self._refuse(UnavailableError(f"it crashed: {error_text(error)}"))
+        self._refuse(UnavailableError(f"it crashed: {crash_text(error)}"))
         try:
             self.on_crash(error)
         except Exception:  # noqa: BLE001  # the crash is reported all the same

@@ -20,7 +20,7 @@ from eal_actors.actors.robot_view import Ping, RobotConnection, RobotState, Robo
 from eal_actors.actors.supervision import Restart, RestartIntensity
 from eal_actors.device.info import ResourceInfo
 from eal_actors.device.link import FaultyLink
-from eal_actors.device.plugin_context import OpenPlugins
+from eal_actors.device.plugin_context import OpenPlugins, crash_text
 from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import (
     EALError,
@@ -175,7 +175,7 @@ class RobotActor(EALActor, RobotConnection):
         if isinstance(error, UnavailableError):
             reason = error.message
         else:
-            reason = f"crashed with {error_text(error)}" if error is not None else "ended"
+            reason = f"crashed with {crash_text(error)}" if error is not None else "ended"
         if isinstance(error, PluginError):  # an error in the plugin's code: another try cannot help
             self._fail(RobotFailedError(f"{name} {reason}", robot=self.spec.name))
             return

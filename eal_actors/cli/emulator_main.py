@@ -20,7 +20,7 @@ import sys
 import threading
 from types import ModuleType
 
-_PACKAGE = "eal_plugins"  # as in managers/plugins.py: the package that contains every plugin's package
+_PACKAGE = "eal_plugins"  # as in device/plugin_context.py: the package that contains every plugin's package
 
 
 def _end_with_stdin() -> None:

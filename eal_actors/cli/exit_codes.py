@@ -40,6 +40,8 @@ SEE_DEVICE: Final = "Check that it is switched on and connected, then try again.
 """Advice if a device may be the cause."""
 SEE_BLOCKING: Final = "A command blocks its actor: `eal plugin check FOLDER` names the command."
 """Advice if more time would not help."""
+SEE_PLUGIN: Final = "The plugin's code failed there, not the device: `eal plugin check FOLDER` tests it."
+"""Advice if a line of a plugin raised."""
 SEE_HOLDER: Final = "Stop that program; `eal ports` lists the serial ports and the programs that hold them."
 """Advice if another program has the device open."""
 SEE_RULE: Final = "docs/robots.md has a udev rule that gives a device to a group."
@@ -48,6 +50,7 @@ SEE_PORT: Final = "`ss -ltnp` shows the program: stop it, or choose another port
 """Advice if another program uses the port."""
 
 _FORBIDDEN: Final = re.compile(r"the group (\S+) may open it, and (\S+) has not been in it")
+_PLUGIN_LINE: Final = re.compile(r"\(at \S+:\d+\)")
 _RESOURCES: Final = "`eal resources --fleet FLEET --robot ROBOT` lists resources and their commands."
 _TABLE: Final[tuple[tuple[type[errors.EALError], ExitCode, str], ...]] = (
     (errors.ConfigError, ExitCode.BAD_INPUT, ""),
@@ -119,6 +122,8 @@ def _advice(error: errors.EALError) -> str:
         return SEE_PORT
     if isinstance(error, errors.RobotFailedError | errors.UnavailableError) and "abandoned" in error.message:
         return SEE_BLOCKING
+    if isinstance(error, errors.RobotFailedError | errors.UnavailableError) and _PLUGIN_LINE.search(error.message):
+        return SEE_PLUGIN
     if isinstance(error, errors.ArgumentError) and error.resource is None:
         return ""  # no command of a resource: its message says what to correct
     return advise_on_device(error.message) or _row(error)[2]

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import threading
+import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Final, Self, TypeAlias, TypeVar
 
 from eal_actors.device.link import FaultyLink
@@ -16,10 +18,26 @@ from eal_actors.device.proximity import Contact, ProximityObserver
 from eal_actors.device.resource import Resource
 from eal_actors.device.world import WorldModel
 from eal_actors.kernel.clock import Clock
-from eal_actors.kernel.errors import EALError, PluginError
+from eal_actors.kernel.errors import EALError, PluginError, error_text
 from eal_actors.kernel.strict_model import StrictModel
 
 _T = TypeVar("_T")
+
+PLUGIN_PACKAGE: Final = "eal_plugins"
+"""The package that contains every plugin's package."""
+
+
+def crash_text(error: BaseException) -> str:
+    """Return an exception as `Type: message`, with the line of a plugin that it came through last.
+
+    An OSError is shown without a line: a device caused it, not the plugin's code.
+    """
+    lines = [
+        f"{'/'.join(Path(frame.f_code.co_filename).parts[-2:])}:{line}"
+        for frame, line in traceback.walk_tb(error.__traceback__)
+        if str(frame.f_globals.get("__name__")).startswith(f"{PLUGIN_PACKAGE}.")
+    ]
+    return f"{error_text(error)} (at {lines[-1]})" if lines and not isinstance(error, OSError) else error_text(error)
 
 
 class PluginSettingsModel(StrictModel):

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final
+from typing import Any
 
 from pydantic import ValidationError
 from typing_extensions import override
@@ -21,6 +21,7 @@ from typing_extensions import override
 from eal_actors.device.info import unknown_name
 from eal_actors.device.localization.localizer import BY_HAND, UNKNOWN
 from eal_actors.device.plugin_context import (
+    PLUGIN_PACKAGE,
     EALPlugin,
     FactoryPlugin,
     FleetServices,
@@ -28,6 +29,7 @@ from eal_actors.device.plugin_context import (
     PluginContext,
     PluginSettingsModel,
     ResourceFactory,
+    crash_text,
 )
 from eal_actors.device.ports import BytePort
 from eal_actors.device.resource import Resource
@@ -37,7 +39,6 @@ from eal_actors.kernel.strict_model import model_of, wording_of
 from eal_actors.managers.fleet_model import PluginSettings, RobotConfig
 from eal_actors.managers.manifest import PluginManifest, discover, explain_unknown_plugin
 
-_PACKAGE: Final = "eal_plugins"
 _import_lock = threading.RLock()
 
 
@@ -66,7 +67,7 @@ def import_plugin(manifest: PluginManifest) -> ModuleType:
         raise PluginError(f"plugin {manifest.name!r} has no plugin.py in {manifest.folder}")
     with _import_lock:
         for plugin in used:
-            package, plain = _package_for(plugin.folder.resolve(), plugin.name), f"{_PACKAGE}.{plugin.name}"
+            package, plain = _package_for(plugin.folder.resolve(), plugin.name), f"{PLUGIN_PACKAGE}.{plugin.name}"
             if package != plain:
                 raise PluginError(
                     f"plugin {manifest.name!r} uses the plugin {plugin.name!r} in {plugin.folder}, but another one of "
@@ -76,14 +77,14 @@ def import_plugin(manifest: PluginManifest) -> ModuleType:
         try:
             return importlib.import_module(f"{package}.plugin")
         except (Exception, SystemExit) as error:
-            raise PluginError(f"plugin {manifest.name!r} fails to import: {error_text(error)}") from error
+            raise PluginError(f"plugin {manifest.name!r} fails to import: {crash_text(error)}") from error
 
 
 def _package_for(folder: Path, name: str) -> str:
     """Return the package name under which the folder is importable; another folder of that name gets its own."""
-    root = sys.modules.setdefault(_PACKAGE, ModuleType(_PACKAGE))
+    root = sys.modules.setdefault(PLUGIN_PACKAGE, ModuleType(PLUGIN_PACKAGE))
     root.__path__ = []
-    for package in (f"{_PACKAGE}.{name}", f"{_PACKAGE}.{name}_{zlib.crc32(str(folder).encode()):08x}"):
+    for package in (f"{PLUGIN_PACKAGE}.{name}", f"{PLUGIN_PACKAGE}.{name}_{zlib.crc32(str(folder).encode()):08x}"):
         if (module := sys.modules.get(package)) is None:
             module = sys.modules[package] = ModuleType(package)
             module.__path__ = [str(folder)]
@@ -218,7 +219,7 @@ class EALPluginManager:
         except PluginError as error:  # its message says what is wrong
             raise PluginError(f"plugin {manifest.name!r}: {error.message}") from error
         except (Exception, SystemExit, KeyboardInterrupt, GeneratorExit) as error:
-            raise PluginError(f"plugin {manifest.name!r}: connect raised {error_text(error)}") from error
+            raise PluginError(f"plugin {manifest.name!r}: connect raised {crash_text(error)}") from error
         if not isinstance(plugin, EALPlugin):
             raise PluginError(f"plugin {manifest.name!r}: connect returned {plugin!r}, which is no EALPlugin")
         connected.append((settings.instance, module, plugin))  # from here on it must be disconnected
@@ -269,7 +270,7 @@ class EALPluginManager:
             wrong = "; ".join(f"{'.'.join(map(str, one['loc']))}: {wording_of(one)}" for one in error.errors())
             raise ArgumentError(f"bridge {name!r}: {wrong}") from None
         except Exception as error:
-            raise PluginError(f"plugin {name!r}: its bridge fails to import: {error_text(error)}") from error
+            raise PluginError(f"plugin {name!r}: its bridge fails to import: {crash_text(error)}") from error
 
     def _simulator(self, url: str, function: str) -> Callable[..., Any]:
         scheme, what = url.partition("://")[0], function.removeprefix("open_")
@@ -300,7 +301,7 @@ class EALPluginManager:
         except ConfigError:
             raise
         except Exception as error:
-            raise PluginError(f"plugin {manifest.name!r}: its Settings raised {error_text(error)}") from error
+            raise PluginError(f"plugin {manifest.name!r}: its Settings raised {crash_text(error)}") from error
 
 
 def _begin_pose(robot: RobotConfig, instance: str, services: FleetServices) -> None:

@@ -116,6 +116,7 @@ def last_lines(result: Any) -> list[str]:
     return lines[next(at for at, line in enumerate(lines) if line.startswith("Error: ")) + 1 : -1]
 
 
+SEE_PLUGIN = "The plugin's code failed there, not the device: `eal plugin check FOLDER` tests it."
 SEE_DEVICE = "Check that it is switched on and connected, then try again."
 
 
@@ -132,6 +133,19 @@ def test_what_to_do_about_a_plugin(eal: Any, slides: Path, move: Path) -> None:
     for command in (["call", "one", "Slide", "get_value"], ["run", move]):
         advice = last_lines(eal(*command, "--fleet", slides))
         assert advice == [f"Details: `eal plugin check {plugin.parent}`"]
+
+
+def test_what_to_do_about_a_plugin_that_crashes(eal: Any, slides: Path, move: Path) -> None:
+    """The advice was to switch the device on, and the message did not say where it crashed."""
+    plugin = slides.parent / "plugins" / "slide" / "plugin.py"
+    text = plugin.read_text(encoding="utf-8").replace("self._position_m = 0.0", "self._position_m = 1 / 0")
+    plugin.write_text(text, encoding="utf-8")
+    line = text[: text.index("1 / 0")].count("\n") + 1
+    slides.write_text(slides.read_text(encoding="utf-8") + "defaults: {max_restarts: 0}\n", encoding="utf-8")
+    for command in (["call", "one", "Slide", "get_value"], ["run", move]):
+        result = eal(*command, "--fleet", slides)
+        assert f"Slide crashed with ZeroDivisionError: division by zero (at slide/plugin.py:{line})" in result.stderr
+        assert last_lines(result) == [SEE_PLUGIN]
 
 
 def test_what_to_do_about_settings_that_a_plugin_refuses(eal: Any, write: Any) -> None:

@@ -64,7 +64,7 @@ def test_check_tells_what_cannot_be_imported_apart(write: Write, manager: Any, r
     problems, broken = manager().check(robot("{probe: {}, sample: {}}"))
     assert not problems
     assert [str(error) for error in broken] == [
-        "bot: plugin 'probe' fails to import: ZeroDivisionError: division by zero"
+        "bot: plugin 'probe' fails to import: ZeroDivisionError: division by zero (at probe/plugin.py:1)"
     ]
 
 
