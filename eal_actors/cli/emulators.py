@@ -21,7 +21,7 @@ from typing import Any, Final, Self
 
 import eal_actors
 from eal_actors.cli import emulator_main
-from eal_actors.cli.readiness import ready_line
+from eal_actors.cli.readiness import kill, ready_line
 from eal_actors.kernel.errors import UnsupportedError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
@@ -227,5 +227,5 @@ def _end(process: subprocess.Popen[str]) -> str:
     try:
         return process.communicate(timeout=_STOP_S)[0]
     except subprocess.TimeoutExpired:
-        process.kill()
+        kill(process)
         return process.communicate()[0]

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from eal_actors.cli import emulators as emulators_module
 from eal_actors.cli import readiness
 from eal_actors.cli.emulators import EmulatorProcesses, LabDevice, open_devices
 from eal_actors.cli.lab import commands, destination
@@ -321,6 +322,24 @@ def test_an_emulator_that_says_nothing_is_not_waited_for(foreign: Path, monkeypa
         emulators,
     ):
         pass
+
+
+LEAVES_A_CHILD = """\
+import os
+import subprocess
+child = subprocess.Popen(["sleep", "600"])
+print(os.getpid(), flush=True)
+child.wait()
+"""
+
+
+def test_the_child_of_a_killed_emulator_is_not_waited_for(foreign: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It has the emulator's output open, and `make lab` waited for the end of that for ever."""
+    (foreign.parent / "theirs/lift/device.py").write_text(LEAVES_A_CHILD, encoding="utf-8")
+    monkeypatch.setattr(emulators_module, "_STOP_S", 0.1)
+    with EmulatorProcesses(open_devices(foreign)) as emulators:
+        os.kill(int(emulators.addresses["LAB_LIFT"]), signal.SIGKILL)
+    assert emulators.poses == {}
 
 
 ECHO_FLEET = """\
