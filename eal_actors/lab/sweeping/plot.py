@@ -37,7 +37,8 @@ def draw_sweep(results: Sequence[SweepResult], scenario: Scenario, file: Path) -
     """Draw a panel for the duration and for each numeric variable, with a line for each choice of the other parameters.
 
     With several seeds, the line is their median, and the band spans minimum to maximum. Runs that are not done are left
-    out. Return the file; None if there is nothing to draw, or if matplotlib is not installed, which is logged.
+    out of both; a cross on the axis shows where there are any. Return the file; None if there is nothing to draw, or if
+    matplotlib is not installed, which is logged.
     """
     done = [result for result in results if result.outcome == "done"]
     measures = _measures(done)
@@ -51,7 +52,7 @@ def draw_sweep(results: Sequence[SweepResult], scenario: Scenario, file: Path) -
     unit = scenario.file.parameters[first].unit
     panels = figure.subplots(rows, columns, squeeze=False).flat
     for axes, (name, values) in zip(panels, measures.items(), strict=False):
-        _draw_panel(axes, done, first, values)
+        _draw_panel(axes, results, first, values)
         robot, _, quantity = name.rpartition(".")
         axes.set_title(f"{_words(quantity)} of {robot}" if robot else _words(quantity))
         axes.set(xlabel=_axis_label(first, unit), ylabel=_axis_label(quantity))
@@ -101,11 +102,11 @@ def _measures(done: Sequence[SweepResult]) -> dict[str, dict[str, float]]:
     return dict(list(found.items())[:_MOST_PANELS])
 
 
-def _draw_panel(axes: Axes, done: Sequence[SweepResult], first: str, values: Mapping[str, float]) -> None:
-    each = dict.fromkeys(result.job.varied[first] for result in done)
+def _draw_panel(axes: Axes, results: Sequence[SweepResult], first: str, values: Mapping[str, float]) -> None:
+    each = dict.fromkeys(result.job.varied[first] for result in results)
     has_numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in each)
     positions = {value: float(value if has_numbers else index) for index, value in enumerate(each)}
-    lines = list(_group_by_line(done, first, values).items())[:_MOST_LINES]
+    lines = list(_group_by_line(results, first, values).items())[:_MOST_LINES]
     for number, (label, points) in enumerate(lines):
         ordered = sorted((positions[value], group) for value, group in points.items())
         x, groups = [position for position, _ in ordered], [group for _, group in ordered]
@@ -114,16 +115,25 @@ def _draw_panel(axes: Axes, done: Sequence[SweepResult], first: str, values: Map
         if any(len(group) > 1 for group in groups):
             low, high = list(map(min, groups)), list(map(max, groups))
             axes.fill_between(x, low, high, color=colour, alpha=0.2, linewidth=0)
+    _mark_not_done(axes, results, first, positions)
     if not has_numbers:
         axes.set_xticks(list(positions.values()), [format_value(value) for value in positions])
 
 
+def _mark_not_done(axes: Axes, results: Sequence[SweepResult], first: str, positions: Mapping[Any, float]) -> None:
+    """Draw a cross on the axis at each value with a run that is not done."""
+    x = sorted({positions[result.job.varied[first]] for result in results if result.outcome != "done"})
+    if x:
+        label, at_axis = "a run is not done", axes.get_xaxis_transform()
+        axes.plot(x, [0.0] * len(x), "x", c="#cc0000", mew=2, clip_on=False, transform=at_axis, label=label)
+
+
 def _group_by_line(
-    done: Sequence[SweepResult], first: str, values: Mapping[str, float]
+    results: Sequence[SweepResult], first: str, values: Mapping[str, float]
 ) -> dict[str, dict[Any, list[float]]]:
     """Return the values of each line, by the values of the first parameter; the other parameters label the line."""
     lines: dict[str, dict[Any, list[float]]] = {}
-    for result in done:
+    for result in results:
         if result.job.name in values:
             others = ((name, value) for name, value in result.job.varied.items() if name != first)
             label = ", ".join(

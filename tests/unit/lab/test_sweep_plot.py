@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from eal_actors.lab.sweeping import plot
@@ -47,6 +48,26 @@ def test_panels_and_lines_are_named_for_people(tmp_path: Path, monkeypatch: pyte
     assert [axes.get_ylabel() for axes in panels] == ["duration [s]", "left", "gap [mm]"]
     legend = [text.get_text() for text in figures[0].legends[0].get_texts()]
     assert legend == ["speed 0.1 m/s", "speed 0.3 m/s"]
+
+
+def test_a_run_that_is_not_done_is_marked_on_the_axis(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its place was missing, so a sweep that failed at one end looked whole."""
+    figures = keep_figures(monkeypatch, plot)
+    file = tmp_path / "drive.yaml"
+    file.write_text(SCENARIO)
+    outcomes = {1.0: "done", 2.0: "done", 3.0: "failed", 4.0: "crashed"}
+    results = [
+        SweepResult(SweepJob(f"{way_m}", {"way_m": way_m}, {}, 0), outcome, way_m)
+        for way_m, outcome in outcomes.items()
+    ]
+    plot.draw_sweep(results, load_scenario(file), tmp_path / "sweep.png")
+    (axes,) = figures[0].axes
+    measured, crosses = axes.get_lines()
+    assert list(np.asarray(measured.get_xdata())) == [1.0, 2.0]
+    assert list(np.asarray(crosses.get_xdata())) == [3.0, 4.0]
+    assert axes.get_xlim()[1] > 4.0
+    assert axes.get_ylim()[0] > 0.0
+    assert [text.get_text() for text in figures[0].legends[0].get_texts()] == ["a run is not done"]
 
 
 def test_lists_are_shown_as_they_are_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
