@@ -14,6 +14,7 @@ from eal_actors.actors.future import Future
 from eal_actors.actors.part_handles import RobotParts
 from eal_actors.actors.resource_handle import ResourceHandle
 from eal_actors.actors.robot_view import Ping, RobotConnection, RobotState, RobotView, RunningCommand, StateFuture
+from eal_actors.actors.stop_latch import SERVICE_ENDS
 from eal_actors.device.info import unknown_name
 from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import (
@@ -208,10 +209,10 @@ class RobotHandle(RobotParts, Mapping[str, ResourceHandle]):
         """
         return self._actor.stop_now(str(reason)[:MAX_REASON])
 
-    def end_motion(self, reason: str) -> Future[None]:
+    def end_motion(self) -> Future[None]:
         """Halt everything that moves, and refuse motions with UnavailableError: the robot's service ends."""
-        self._view.latch.set(reason, is_end=True)
-        return self._actor.stop_now(reason)
+        self._view.latch.end_service()
+        return self._actor.stop_now(SERVICE_ENDS)
 
     def resume(self) -> Future[None]:
         """End an emergency stop: motions are possible again, and none starts by itself. Thread: any; does not block."""

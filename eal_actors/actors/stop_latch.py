@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from eal_actors.kernel.errors import EALError, StoppedError, UnavailableError
+
+SERVICE_ENDS: Final = "its server is being stopped"
+"""Ends the error of a command that the end of its robot's service ended."""
 
 
 def holds_robot(reason: str) -> str:
@@ -28,11 +33,14 @@ class StopLatch:
         self.emergency: str | None = None
         self.is_confirmed = False
 
-    def set(self, reason: str, *, is_end: bool = False) -> None:
-        """Latch the stop; the first reason counts. `is_end`: the robot's service ends."""
+    def set(self, reason: str) -> None:
+        """Latch the stop; the first reason counts."""
         if self.reason is None:
-            self.reason = reason or "no reason given"
-            self.emergency = None if is_end else self.reason
+            self.reason = self.emergency = reason or "no reason given"
+
+    def end_service(self) -> None:
+        """Latch the end of the robot's service, unless a stop is latched."""
+        self.reason = self.reason or SERVICE_ENDS
 
     def confirm(self) -> None:
         """Record that the robot has halted, if the stop is still latched."""

@@ -206,7 +206,7 @@ class RobotService:
     def _halt(self) -> None:
         """Stop all motion and refuse new motion, while controllers can still receive the outcome."""
         with suppress(EALError):
-            self.robot.end_motion("its server is being stopped").get(timeout=self.robot.clock.of_real(_CLOSE_S / 3))
+            self.robot.end_motion().get(timeout=self.robot.clock.of_real(_CLOSE_S / 3))
 
     def close(self) -> None:
         """Halt everything, leave the network and stop the robot. Closing it twice is harmless.

@@ -128,8 +128,8 @@ def test_the_others_go_on_without_a_robot_whose_server_was_killed(tmp_path: Path
 
 
 def test_the_others_go_on_without_a_robot_whose_server_was_stopped(tmp_path: Path) -> None:
-    """Its end was reported as an emergency stop, which ends a run whatever its policies."""
-    loss = lose(tmp_path, "drop\non_failure: drop", end=signal.SIGTERM)
+    """Its command failed before it was lost, so `on_failure` applied; and before that, as in an emergency stop."""
+    loss = lose(tmp_path, "drop", end=signal.SIGTERM)
     assert outcomes(loss.report) == ["done", "dropped", "done", "done"]
     assert loss.report.robots["r1"].error is not None
     assert "its server is being stopped" in loss.report.robots["r1"].error.message
@@ -154,8 +154,9 @@ def test_a_spare_takes_the_place_of_a_lost_robot_at_the_step_that_failed(tmp_pat
     assert loss.events[-2:] == ["robot_lost", "robot_replaced"]
 
 
-def test_a_robot_that_comes_back_rejoins_at_the_next_barrier(tmp_path: Path) -> None:
-    loss = lose(tmp_path, f"{{wait_s: {LONGER_S}, rejoin: true}}", restart=True)
+@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGTERM])
+def test_a_robot_that_comes_back_rejoins_at_the_next_barrier(tmp_path: Path, end: signal.Signals) -> None:
+    loss = lose(tmp_path, f"{{wait_s: {LONGER_S}, rejoin: true}}", restart=True, end=end)
     assert outcomes(loss.report) == ["done", "done", "done", "done"]
     assert loss.events.index("robot_lost") < loss.events.index("robot_returned")
     (times,) = loss.report.robots["r1"].losses

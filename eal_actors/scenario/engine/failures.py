@@ -66,7 +66,7 @@ class StepFailure:
     def _after_loss(self, error: EALError, losses: int) -> Generator[Future[Any], None, EALError | None]:
         """Apply the policy for lost robots if the robot was lost; return None to repeat the attempt."""
         robot, run = self._robot, self._run
-        if robot is None or run.losses is None or not robot.losses:
+        if robot is None or run.losses is None:
             return error
         error = run.losses.cause(robot, error)
         after = None if self._is_over() else (yield from run.losses.handle(self._context, robot, error, losses))

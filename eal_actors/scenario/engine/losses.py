@@ -10,6 +10,7 @@ from typing import Any, Final, Literal, TypeAlias
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.robot_view import RobotState
+from eal_actors.actors.stop_latch import SERVICE_ENDS
 from eal_actors.kernel.clock import Timer
 from eal_actors.kernel.errors import CallCancelledError, EALError, UnavailableError
 from eal_actors.scenario.engine.frames import ExecutionContext, Participant
@@ -19,6 +20,9 @@ from eal_actors.scenario.language.scenario import Step
 from eal_actors.scenario.language.values import FailureAction, LossAction, WaitPolicy
 from eal_actors.scenario.report.events import RobotLost, RobotReturned, RunEvent
 from eal_actors.scenario.report.summary import ErrorReport, LossReport
+
+_LEAVE_S: Final = 5.0
+"""Real seconds in which a server that is being stopped has left the network."""
 
 Emit: TypeAlias = Callable[[Callable[[float], RunEvent]], float]
 """Records an event, which it makes from the seconds since the run's start; returns those seconds."""
@@ -67,8 +71,8 @@ class Losses:
             robot.is_given_up = False
             if (timer := self._timers.pop(robot.name, None)) is not None:
                 timer.cancel()
-            for future in [future for future, waiting in self._waiting.items() if waiting is robot]:
-                future.set()
+        for future in [future for future, waiting in self._waiting.items() if waiting is robot]:
+            future.set()
 
     def _error(self, robot: Participant) -> EALError:
         problems = robot.handle.problems
@@ -107,9 +111,7 @@ class Losses:
         of its losses before the attempt.
         """
         policy = context.on_lost
-        if policy is None or (len(robot.losses) == losses and not robot.is_lost):
-            return None
-        if not isinstance(error, UnavailableError | CallCancelledError):
+        if policy is None or not (yield from self._is_loss(context, robot, error, losses)):
             return None
         wait_s = 0.0
         if robot.is_lost:
@@ -117,7 +119,7 @@ class Losses:
         if isinstance(policy, WaitPolicy):
             wait_s += policy.wait_s
         if robot.is_lost:
-            yield from self._wait_for_return(context, robot, wait_s)
+            yield from self._wait_for_change(context, robot, wait_s)
         if robot.is_lost:
             return _ACTIONS[policy.then if isinstance(policy, WaitPolicy) else policy]
         if not isinstance(policy, WaitPolicy):
@@ -125,10 +127,20 @@ class Losses:
         robot.is_rejoining = policy.rejoin
         return "skip" if policy.rejoin else "repeat"
 
-    def _wait_for_return(
+    def _is_loss(
+        self, context: ExecutionContext, robot: Participant, error: EALError, losses: int
+    ) -> Generator[Future[Any], None, bool]:
+        """Return whether a step failed because its robot was lost, or is about to be: its server is being stopped."""
+        is_leaving = SERVICE_ENDS in error.message
+        if is_leaving and len(robot.losses) == losses and not robot.is_lost:
+            yield from self._wait_for_change(context, robot, self._loop.clock.of_real(_LEAVE_S))
+        is_cause = is_leaving or isinstance(error, UnavailableError | CallCancelledError)
+        return is_cause and (len(robot.losses) > losses or robot.is_lost)
+
+    def _wait_for_change(
         self, context: ExecutionContext, robot: Participant, wait_s: float
     ) -> Generator[Future[Any], None, None]:
-        """Wait until a robot is back, for a limited time, or until the run, the task or the robot is stopped."""
+        """Wait until a robot is lost or back, for a limited time, or until its run, its task or itself is stopped."""
         future: Future[None] = Future(self._loop.clock)
         self._waiting[future] = robot
         timer = self._loop.call_at(self._loop.clock.now() + wait_s, future.set)
