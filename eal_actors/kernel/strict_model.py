@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import ast
 import inspect
+import os
 import re
 import sys
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from itertools import pairwise
@@ -25,6 +27,7 @@ from pydantic import (
 from pydantic.fields import FieldInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
+from typing_extensions import override
 
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.suggestions import did_you_mean as did_you_mean
@@ -63,6 +66,12 @@ _WORDS: Final = {
 }
 
 
+_BUILDING: Final = threading.RLock()
+
+if hasattr(os, "register_at_fork"):  # a child would lack the thread that holds pydantic's own locks
+    os.register_at_fork(before=_BUILDING.acquire, after_in_parent=_BUILDING.release, after_in_child=_BUILDING.release)
+
+
 class StrictModel(BaseModel):
     """A section of a file: no unknown keys, no conversions (`"5"` is no number, `true` neither), no changes later.
 
@@ -79,6 +88,14 @@ class StrictModel(BaseModel):
     )
     synonyms: ClassVar[Mapping[str, str]] = {}
     """Keys that people write by mistake, and what they mean."""
+
+    @classmethod
+    @override
+    def model_rebuild(cls, **options: Any) -> bool | None:
+        """Build the model, which pydantic does at its first use; a fork waits until it is built."""
+        depth = options.pop("_parent_namespace_depth", 2) + 1  # pydantic looks for names in the caller's frame
+        with _BUILDING:
+            return super().model_rebuild(_parent_namespace_depth=depth, **options)
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:

@@ -74,6 +74,30 @@ os._exit(0)
 """
 
 
+BUILDING = """\
+import os, signal, threading
+from typing import Annotated
+from eal_actors.kernel.strict_model import DeferredType, StrictModel
+is_inside, has_forked = threading.Event(), threading.Event()
+def find():
+    is_inside.set()
+    has_forked.wait(0.5)  # the fork waits for the end of this
+    return int
+class First(StrictModel):
+    number: Annotated[int, DeferredType(find)]
+class Second(StrictModel):
+    number: int
+threading.Thread(target=lambda: First(number=1)).start()
+is_inside.wait()
+if not (child := os.fork()):
+    signal.alarm(30)
+    Second(number=1)
+    os._exit(0)
+has_forked.set()
+os._exit(os.waitpid(child, 0)[1] != 0)
+"""
+
+
 QUIET = ("-W", "ignore::DeprecationWarning")
 """Options of Python: 3.12 and later warn of forks."""
 
@@ -94,6 +118,11 @@ def test_a_child_connects_while_another_thread_of_its_parent_is_at_it(tmp_path: 
         check=False,
     )
     assert (ended.returncode, ended.stderr) == (0, "")
+
+
+def test_a_child_reads_files_while_another_thread_of_its_parent_builds_the_model_of_one() -> None:
+    """It hung for ever: the thread had a lock of pydantic."""
+    assert subprocess.run([sys.executable, *QUIET, "-c", BUILDING], timeout=60, check=False).returncode == 0
 
 
 def test_children_log_while_another_thread_of_their_parent_logs(tmp_path: Path) -> None:
