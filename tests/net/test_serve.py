@@ -25,7 +25,7 @@ from eal_actors.cli.output import service_output
 from eal_actors.cli.serve import _reload
 from eal_actors.facade.service import RobotService, serve_together
 from eal_actors.kernel.clock import REAL_TIME
-from eal_actors.kernel.errors import DataError, ResourceFaultError, RobotFailedError, UnavailableError
+from eal_actors.kernel.errors import DataError, DeadlineError, ResourceFaultError, RobotFailedError, UnavailableError
 from eal_actors.wire.rpc.client.remote_robot import RemoteRobot
 from eal_actors.wire.rpc.server.outbox import Outbox
 from eal_actors.wire.rpc.server.server_tokens import ServerTokens
@@ -229,6 +229,17 @@ class TestBehindARouter:
                 assert eventually(
                     lambda: "serves the robot too" in str(fleet["r1"].ping().get(timeout=WAIT_S).warnings)
                 )
+
+    def test_a_command_for_another_process_is_left_to_it(self, rig: Rig) -> None:
+        """While its link was renewed, the other one saw no second process, and refused the command as stale."""
+        with rig.served_here() as fleet:
+            robot = fleet["r1"]
+            robot.ping().get(timeout=WAIT_S)  # the last reply that is due: each shows the robot's own process
+            robot._actor.calls._heard("another", REAL_TIME.now(), REAL_TIME.now())  # type: ignore[attr-defined]
+            failure(robot["Arm"].send_cmd("step0", timeout_s=0.5), DeadlineError)
+            robot.ping().get(timeout=WAIT_S)
+            assert robot["Arm"].send_cmd("step1").get(timeout=WAIT_S) == 1
+            assert rig.steps() == ["1"]
 
     def test_while_two_processes_serve_a_robot_each_command_has_the_answer_of_the_one_that_executes_it(
         self, rig: Rig
