@@ -6,6 +6,7 @@ import pytest
 
 from eal_actors.device.motion.closed_loop import PATIENCE_S
 from eal_actors.facade.traffic.plan_run import SILENCE_S
+from eal_actors.facade.traffic.positions import RobotPositions
 from eal_actors.facade.traffic.trips import Journey
 from eal_actors.kernel.errors import (
     ArgumentError,
@@ -267,3 +268,23 @@ def test_a_base_that_answers_again_within_15_s_is_sent_on(silent_s: float, arriv
             assert isinstance(journey.exception(), NotReadyError)
             assert SILENCE_S <= it.simulation.now_s - begun_s < SILENCE_S + PATIENCE_S + 3.0
             assert it.robot.not_ready
+
+
+def test_of_two_requests_of_one_moment_the_newer_counts() -> None:
+    with travelling(TWO, floor(4, 4), 1) as watch:
+        fleet = watch.simulation.fleet
+        first, second = fleet.go_to({"a": (0.0, 1.2)}), fleet.go_to({"a": (-1.0, 1.0)})
+        assert watch.until_done(second) is None
+        assert first.done()
+        assert isinstance(error_of(first, "a"), PreemptedError)
+
+
+def test_a_robot_that_left_the_fleet_is_no_obstacle() -> None:
+    with travelling(TWO, floor(4, 4), 1) as watch:
+        fleet = watch.simulation.fleet
+        robots = dict(fleet)
+        positions = RobotPositions(robots)
+        positions.read((), fleet.clock)
+        del robots["b"]
+        positions.read((), fleet.clock)
+        assert list(positions.places) == ["a"]

@@ -119,13 +119,14 @@ class TrafficControl:
         """Take over the requests; return False if there is nothing to do, and the thread ends."""
         self._clock.sleep(_GATHER_S)
         with self._lock:
-            requests = list(self._requests)
+            newest = {trip.robot.name: trip for trip in self._requests}
+            replaced = [trip for trip in self._requests if newest[trip.robot.name] is not trip]
+            replaced += [self._trips.pop(name) for name in newest if name in self._trips]
             self._requests.clear()
-            replaced = [self._trips.pop(trip.robot.name) for trip in requests if trip.robot.name in self._trips]
             for name, trip in list(self._trips.items()):
                 if trip.done() or trip.makes_way:
                     self._end(name)
-            self._trips |= {trip.robot.name: trip for trip in requests if not trip.done()}
+            self._trips |= {name: trip for name, trip in newest.items() if not trip.done()}
             if not self._trips:
                 self._thread, self._run = None, None
                 self._obstacles.clear()

@@ -78,6 +78,8 @@ class PlanRun:
         for leg in legs:
             if not leg.trip.done():
                 leg.cut_short()
+                if leg.trip.done():  # as in `_send`
+                    leg.trip.robot.halt()
 
     def _must_end(self) -> bool:
         return bool(self.blocked) or any(leg.trip.done() and not leg.has_arrived for leg in self.legs.values())

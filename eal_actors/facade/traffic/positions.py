@@ -45,6 +45,8 @@ class RobotPositions:
         Of others that do not answer, the last known place counts. A robot that has just started and does not know where
         it is waits for its first fix. Thread: blocks the caller for some seconds of the clock at most.
         """
+        for name in self.places.keys() - self._robots.keys():  # a reload has taken them out of the fleet
+            del self.places[name]
         timeout_s = clock.of_real(_READ_TIMEOUT_S)
         robots = {name: robot for name, robot in self._robots.items() if "Base" in robot and "Pose" in robot}
         poses, lost = _poses(robots, travelling, clock, timeout_s)
