@@ -118,13 +118,16 @@ _connections_lock = threading.Lock()  # its own: a fleet that connects, or close
 _connections: Counter[RobotHandle] = Counter()
 
 
-def _renew_locks() -> None:
+def _begin_anew() -> None:
+    """Forget the fleets of the parent, and its locks: the thread that holds one for seconds is not in the child."""
     global _lock, _connections_lock
     _lock, _connections_lock = threading.Lock(), threading.Lock()
+    _fleets.clear()
+    _connections.clear()
 
 
-if hasattr(os, "register_at_fork"):  # a child lacks the thread that holds a lock, while a fleet connects for seconds
-    os.register_at_fork(after_in_child=_renew_locks)
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_begin_anew)
 
 
 def acquire_fleet(path: Path) -> Fleet:

@@ -131,3 +131,26 @@ def test_children_log_while_another_thread_of_their_parent_logs(tmp_path: Path) 
         ended = subprocess.run([sys.executable, *QUIET, "-c", LOGGING], stderr=lines, timeout=60, check=False)
     assert ended.returncode == 0
     assert (tmp_path / "lines.txt").read_text(encoding="utf-8").count("a line of the child") == 60
+
+
+SAME = """\
+import os, signal, sys
+from eal_actors import connect
+parent = connect(fleet=sys.argv[1])
+if not (child := os.fork()):
+    signal.alarm(30)
+    with connect(fleet=sys.argv[1]) as lamp:
+        value = lamp.get_value(lamp.find_resource("SampleResource")).value
+    os._exit(value)
+_, status = os.waitpid(child, 0)
+parent.disconnect()
+sys.exit(os.waitstatus_to_exitcode(status))
+"""
+
+
+def test_a_child_connects_to_its_own_fleet_of_the_file_that_its_parent_has_open(tmp_path: Path) -> None:
+    file = tmp_path / "fleet.yaml"
+    file.write_text("version: 1\nrobots: {r: {plugins: {sample: {}}}}\n", encoding="utf-8")
+    program = [sys.executable, *QUIET, "-c", SAME, str(file)]
+    ended = subprocess.run(program, capture_output=True, text=True, timeout=60, check=False)
+    assert (ended.returncode, ended.stderr) == (0, "")
