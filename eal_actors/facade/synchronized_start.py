@@ -80,10 +80,15 @@ def send_synchronized(
     delay_s = clock.of_real(_longest_delay_s(robots, clock))
     delay_s += max((handle.link.delay_s for handle in commands), default=0.0)
     start_s = clock.now() + lead_s + delay_s
-    calls = []
-    for handle, wanted in commands.items():
-        command, data = (wanted, None) if isinstance(wanted, str) else wanted
-        calls.append((handle, command, handle.send_cmd(command, data, timeout_s=timeout_s, at_s=start_s)))
+    calls: list[tuple[ResourceHandle, str, Future[int]]] = []
+    try:
+        for handle, wanted in commands.items():
+            command, data = (wanted, None) if isinstance(wanted, str) else wanted
+            calls.append((handle, command, handle.send_cmd(command, data, timeout_s=timeout_s, at_s=start_s)))
+    except BaseException:  # such as a value that cannot be sent: nobody would hear of those that were
+        for _, _, call in calls:
+            call.cancel()
+        raise
     futures = tuple(call for _, _, call in calls)
     ended = gather(futures, return_exceptions=True)
     record = ended.map(lambda _: StartRecord(start_s, tuple(_begin_of(*call) for call in calls)))

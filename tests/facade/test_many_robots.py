@@ -13,6 +13,7 @@ from eal_actors.device.info import ResourceInfo
 from eal_actors.kernel.errors import (
     ArgumentError,
     CallCancelledError,
+    DataError,
     DeadlineError,
     ResourceNotFoundError,
     RobotNotFoundError,
@@ -120,3 +121,11 @@ def test_a_base_tells_what_its_motions_take(fleet: Fleet, command: str, takes_s:
     info = fleet["evbot"]["Base"].info
     assert info.takes_s(command) == pytest.approx(takes_s, rel=0.5)
     assert ResourceInfo.from_dict(info.to_dict()).takes_s(command) == info.takes_s(command)
+
+
+def test_a_value_that_cannot_be_sent_lets_no_robot_begin(fleet: Fleet) -> None:
+    with pytest.raises(DataError):
+        fleet.together({fleet["robot1"]["Base"]: "f1", fleet["robot2"]["Base"]: ("f", object())})
+    fleet.clock.sleep(1)
+    assert fleet["robot1"].running == ()
+    assert fleet["robot1"]["Base"].get_status().get() == 0
