@@ -47,6 +47,8 @@ class EALDataInfo_t:
 
     def __eal_data__(self) -> EALData:
         """Return the value as EALData; see EALData.of."""
+        if self.length < 0:
+            raise DataError(f"length must be a number of bytes from 0, not {self.length}")
         if self.data is None or (type(self.data) is int and self.data == 0):
             return self._from_memory(bytes(self.length or (0 if self.isPtr else self._c_type.width)))
         if isinstance(self.data, bytes) and self.isPtr:

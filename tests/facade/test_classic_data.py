@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from eal_actors.classic import (
     BOOL,
     CHAR,
@@ -17,6 +19,7 @@ from eal_actors.classic import (
     EALDataInfo_t,
     EALDataType_t,
 )
+from eal_actors.kernel.errors import DataError
 
 
 def test_data_of_base_types() -> None:
@@ -52,3 +55,8 @@ def test_constructor_defaults_are_those_of_the_thesis() -> None:
     assert EALDataInfo_t() == EALDataInfo_t(INT, 0, 0, False, False, False, False)
     assert EALData_t is EALDataInfo_t
     assert {INT, CHAR, FLOAT, DOUBLE, BOOL, VOID} == set(EALDataType_t)
+
+
+def test_a_length_below_zero_is_refused() -> None:
+    with pytest.raises(DataError, match="length must be a number of bytes from 0, not -1"):
+        EALDataInfo_t(INT, 0, -1).__eal_data__()
