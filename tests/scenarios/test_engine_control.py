@@ -263,3 +263,25 @@ def test_the_end_of_a_part_that_was_over_is_not_repeated(tmp_path: Path) -> None
 
         assert report.outcome == "done", report.error
         assert [ask(fleet, robot, "tries") for robot in fleet] == [1, 1]
+
+
+@pytest.mark.parametrize("is_safe", [True, False])
+def test_a_robot_that_does_not_start_again_is_replaced_where_the_step_is_repeated(
+    tmp_path: Path, *, is_safe: bool
+) -> None:
+    head = HEAD.replace("all: {}", "all: {spares: 1, on_failure: substitute}")
+    text = "steps:\n- on: all\n  do: [{set_value: {resource: Base, value: 1}}, {log: '${robot}'}]\n"
+    text += "  safe_to_repeat: true\n" if is_safe else ""
+    with rigs(tmp_path, clock=LockStepClock(), a={}, b={}) as fleet:
+        plan = make_plan(scenario(tmp_path, text, head), fleet)
+        assert Run(plan, fleet, tmp_path / "run").start().get().outcome == "done"
+    folder, watch = cut(tmp_path, "step_started", 1), Watch()
+    with rigs(tmp_path, clock=LockStepClock(), a={"is_broken": True}, b={}) as fleet:
+        plan, resumption = make_plan(scenario(tmp_path, text, head), fleet), read_run(folder)
+        if is_safe:
+            assert Run(plan, fleet, folder, [watch], resumption).start().get().outcome == "done"
+        else:
+            with pytest.raises(ScenarioError, match="a did not start, and no spare can go on inside steps"):
+                Run(plan, fleet, folder, [watch], resumption)
+
+    assert [event.text for event in watch.events if isinstance(event, LogLine)] == (["b"] if is_safe else [])

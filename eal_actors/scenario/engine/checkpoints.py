@@ -78,9 +78,12 @@ def restore(run: RunContext, resumption: Resumption) -> None:
     for role, seats in resumption.slots.items():
         slots = []
         for index, seat in enumerate(seats):
-            robot = run.robots.get(seat["robot"])
+            name = seat["robot"]
+            if name in run.substitutes and name not in resumption.gone:  # it did not start this time
+                name = run.substitutes[name][0]
+            robot = run.robots.get(name)
             if robot is None:
-                raise ScenarioError(f"robot '{seat['robot']}' of role '{role}' is not part of the run")
+                raise ScenarioError(f"robot '{name}' of role '{role}' is not part of the run")
             robot.has_taken_part = True
             variables = {name: from_record(value) for name, value in seat["variables"].items()}
             slots.append(RoleSlot(role, index, len(seats), robot, variables))

@@ -18,6 +18,7 @@ from eal_actors.kernel.errors import EALError, ScenarioError
 from eal_actors.scenario.engine.plan import Plan
 from eal_actors.scenario.language.expressions.grammar import RobotReading
 from eal_actors.scenario.language.scenario import Step
+from eal_actors.scenario.language.values import final_action
 from eal_actors.scenario.report.records import from_record
 from eal_actors.scenario.report.resuming import Resumption
 
@@ -80,6 +81,7 @@ class PastSteps:
                     raise reader.error(f"{event['by']} had replaced {event['robot']} in")
         for event in past.under_way.values():
             reader.check_repeatable(event)
+        reader.check_started()
         return past
 
     def take(self, robot: str | None, path: str) -> PastStep | None:
@@ -118,6 +120,15 @@ class _RecordJudge:
             f"the run in {directory} cannot be resumed: {what} {first} ({place.file}:{place.line}). "
             "`safe_to_repeat: true` there repeats the whole step"
         )
+
+    def check_started(self) -> None:
+        """Refuse a spare in place of a robot that did not start again: what it had done is not the spare's."""
+        file, gone = self._plan.scenario.file, self._resumption.gone
+        for role, seats in self._resumption.slots.items():
+            policy = file.roles[role].on_failure or file.on_failure
+            for robot in (seat["robot"] for seat in seats):
+                if robot in self._plan.lost and robot not in gone and final_action(policy) == "substitute":
+                    raise self.error(f"{robot} did not start, and no spare can go on inside")
 
     def check_outcome(self, record: Mapping[str, Any]) -> None:
         """Refuse a record whose way through the scenario cannot be taken again."""
