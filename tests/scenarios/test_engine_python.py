@@ -227,3 +227,14 @@ def test_a_function_of_a_run_that_is_over_moves_nothing(tmp_path: Path) -> None:
     assert report.outcome == "failed"
     assert report.duration_s == pytest.approx(1)
     assert tries == [0, 0]
+
+
+def test_a_module_beside_the_fleet_file_has_one_state_and_may_have_dataclasses(tmp_path: Path) -> None:
+    (tmp_path / "surveying.py").write_text(
+        "from __future__ import annotations\nfrom dataclasses import dataclass\n\n@dataclass\nclass Count:\n"
+        "    value: int = 0\n\ncount = Count()\n\ndef one(context):\n    count.value += 1\n\n"
+        "def two(context):\n    return count.value\n"
+    )
+    with rigs(tmp_path, head="python_steps: [surveying:one, surveying:two]", a={}) as fleet:
+        steps = "steps: [{python: 'surveying:one'}, {python: 'surveying:two', save_as: total}]"
+        assert run(fleet, tmp_path, steps).variables == {"total": 1}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import inspect
+import sys
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from importlib.metadata import entry_points
@@ -72,11 +73,18 @@ def _module(name: str, folder: Path) -> Any:
     file = folder / f"{name}.py"
     if "." in name or not file.is_file():
         return importlib.import_module(name)
-    spec = importlib.util.spec_from_file_location(name, file)
+    key = f"{name} of {file.resolve()} ({file.stat().st_mtime_ns})"  # its own: another fleet may have one of that name
+    if key in sys.modules:
+        return sys.modules[key]
+    spec = importlib.util.spec_from_file_location(key, file)
     if spec is None or spec.loader is None:
         raise ImportError(f"{file} is no module")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = sys.modules[key] = importlib.util.module_from_spec(spec)  # where dataclasses look for it
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[key]
+        raise
     return module
 
 
