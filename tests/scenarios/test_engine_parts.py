@@ -8,7 +8,8 @@ import pytest
 
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ConfigError
-from eal_actors.scenario import LogLine, load_scenario, make_plan
+from eal_actors.kernel.lock_step import LockStepClock
+from eal_actors.scenario import LogLine, Run, load_scenario, make_plan
 from tests.scenarios.rig import HEAD, ask, rigs, scenario
 from tests.scenarios.running import Watch, brief, outcomes, run
 
@@ -75,10 +76,12 @@ def test_a_part_has_its_own_variables_roles_and_end(two: Fleet, tmp_path: Path) 
 
 
 @pytest.mark.usefixtures("part")
-def test_parts_in_branches_do_not_meet_each_other(two: Fleet, tmp_path: Path) -> None:
+def test_parts_in_branches_do_not_meet_each_other(tmp_path: Path) -> None:
     step = "scenario: part.yaml, with: {word: x}"
     body = f"steps: [{{parallel: [[{{{step}, roles: {{movers: quick}}}}], [{{{step}, roles: {{movers: heavy}}}}]]}}]"
-    report = run(two, tmp_path, body, ROLES)
+    fast, slow = {"slowness": 0.1, "tags": ["quick"]}, {"tags": ["heavy"]}
+    with rigs(tmp_path, clock=LockStepClock(), fast=fast, slow=slow) as fleet:
+        report = run(fleet, tmp_path, body, ROLES)
 
     assert report.outcome == "done"
     ends_s = {record.robot: record.end_s for record in report.steps if record.kind == "barrier"}
@@ -251,3 +254,35 @@ def test_a_failure_in_the_end_of_a_part_stops_nothing(two: Fleet, tmp_path: Path
         ("send_cmd Base now", "done"),
     ]
     assert (report.outcome, outcomes(report)) == ("failed", {"fast": "failed", "slow": "failed"})
+
+
+END = "finally:\n- on: all\n  do: [{send_cmd: {resource: Base, cmd: go9}}, {send_cmd: {resource: Base, cmd: s}}]\n"
+
+
+def test_an_abort_during_the_end_of_a_part_lets_it_be_carried_out(two: Fleet, tmp_path: Path) -> None:
+    (tmp_path / "part.yaml").write_text(f"{HEAD}steps:\n- log: x\n{END}")
+    plan = make_plan(scenario(tmp_path, "steps:\n- scenario: part.yaml\n- wait_s: 1000\n"), two)
+    aborted = Run(plan, two, listeners=[Watch("send_cmd Base go9", lambda: aborted.abort("enough"))])
+    report = aborted.start().get()
+
+    assert report.outcome == "aborted"
+    assert [ask(two, robot, "stops") for robot in two] == [1, 1]
+
+
+def test_a_part_that_is_stopped_ends_then_and_not_with_the_run(tmp_path: Path) -> None:
+    (tmp_path / "part.yaml").write_text(f"{HEAD}steps:\n- wait_s: 50\n{END.replace('go9', 'now')}")
+    body = """steps:
+- repeat: 3
+  do:
+  - on: all
+    do:
+    - parallel: [[{scenario: part.yaml}], [{wait_s: 1}]]
+      until: first
+- wait_s: 10
+"""
+    with rigs(tmp_path, clock=LockStepClock(), a={}) as fleet:
+        report = run(fleet, tmp_path, body)
+
+    assert report.outcome == "done"
+    ends_s = [record.end_s for record in report.steps if record.label == "send_cmd Base s"]
+    assert ends_s == [pytest.approx(1), pytest.approx(2), pytest.approx(3)]

@@ -210,10 +210,13 @@ class ScenarioStep(BlockStep, kind="scenario"):
 
         work = perform_within(run, replace(context, task=task), self, self.timeout_s, path, meets, steps)
         yield from StepGroup(run, context, "all").perform([(task, work)])
-        if run.may_begin(context):
+        end = StepTask(context.task, slot)  # not stopped, if a block around it was
+        if not run.may_begin(replace(context, task=end)):
+            return
+        ending = replace(here, task=end, is_finally=True)
+        yield from perform_steps(run, scenario.file.finally_, f"{frame.prefix}finally", ending)
+        if not run.is_stopping:  # otherwise it is performed from its beginning at the end of the run
             run.open_parts.remove(here)
-            ending = replace(here, task=StepTask(context.task, slot), is_finally=True)  # the time limit has no effect
-            yield from perform_steps(run, scenario.file.finally_, f"{frame.prefix}finally", ending)
             run.forget(frame)
 
     def _parameters(
