@@ -14,6 +14,7 @@ import pytest
 from eal_actors.actors.future import Future
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import CallCancelledError
+from eal_actors.kernel.lock_step import LockStepClock
 from eal_actors.scenario import (
     Report,
     Run,
@@ -316,3 +317,12 @@ def test_an_emergency_stop_aborts_whatever_the_policy(two: Fleet, tmp_path: Path
     assert set(outcomes(report).values()) == {"aborted"}
     assert {record.outcome for record in report.steps} <= {"aborted", "done"}
     assert records(report, "fast")[-1].label == "send_cmd Base s"
+
+
+def test_the_first_ends_an_on_in_finally_too(tmp_path: Path) -> None:
+    body = f"{ON}  - log: x\nfinally:\n- on: all\n  until: first\n  do: [{{send_cmd: {{resource: Base, cmd: go9}}}}]\n"
+    with rigs(tmp_path, clock=LockStepClock(), fast={"slowness": 0.1}, slow={}) as fleet:
+        report = run(fleet, tmp_path, body)
+
+    assert {record.robot: record.outcome for record in report.steps} == {"fast": "done", "slow": "stopped"}
+    assert report.duration_s == pytest.approx(0.9)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from eal_actors.kernel.lock_step import LockStepClock
 from tests.scenarios.rig import HEAD, ask, rigs
 from tests.scenarios.running import ON, brief, outcomes, records, run
 
@@ -95,3 +96,24 @@ def test_an_abort_ends_the_attempts(tmp_path: Path) -> None:
         report = run(fleet, tmp_path, f"steps:\n- sequence: [{{scenario: part.yaml}}]\n  {RETRY}\n")
         assert report.outcome == "failed"
         assert [record.attempts for record in records(report, "a")] == [1]
+
+
+def test_a_repeated_block_begins_its_common_command_alone_for_the_others_have_gone_on(tmp_path: Path) -> None:
+    together = "{send_cmd: {resource: Base, cmd: now}, together: true}"
+    with rigs(tmp_path, clock=LockStepClock(), a={"failures": 2}, b={}) as fleet:  # `now` counts as a try too
+        body = (
+            f"{ON}  - sequence:\n    - repeat: 1\n      do: [{together}]\n    - {FLAKY}\n    {RETRY}\n  - {together}\n"
+        )
+        report = run(fleet, tmp_path, body)
+
+    assert report.outcome == "done", report.error
+    assert [set(start.begins) for start in report.starts] == [{"a", "b"}, {"a", "b"}]
+    assert len(records(report, "a")) == len(records(report, "b")) + 2
+
+
+def test_a_block_that_repeats_before_its_common_command_meets_the_others(tmp_path: Path) -> None:
+    together = "{send_cmd: {resource: Base, cmd: now}, together: true}"
+    with rigs(tmp_path, clock=LockStepClock(), a={"failures": 1}, b={}) as fleet:
+        report = run(fleet, tmp_path, f"{ON}  - sequence: [{FLAKY}, {together}]\n    {RETRY}\n")
+
+    assert [set(start.begins) for start in report.starts] == [{"a", "b"}]

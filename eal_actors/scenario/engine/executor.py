@@ -13,7 +13,7 @@ from eal_actors.kernel.errors import CallCancelledError, DeadlineError, EALError
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.failures import StepFailure
-from eal_actors.scenario.engine.frames import ExecutionContext, Participant, StepTask
+from eal_actors.scenario.engine.frames import AttemptMeetings, ExecutionContext, Participant, StepTask
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.engine.past_steps import PastStep
 from eal_actors.scenario.language.scenario import FallibleModel, Step
@@ -124,10 +124,13 @@ def perform_within(
         yield from inside(context)
         return
 
+    meetings = AttemptMeetings()
+
     def attempt(action: StepAction) -> Coroutine:
         action.began_s = run.now_s()
         timeout_s = None if limit is None else (yield from action.number(limit, "timeout", "timeout_s"))
-        task = StepTask(context.task, context.slot, meets=meets, repeats=step if repeats else None)
+        own = meetings.begin() if repeats and context.slot is not None else None
+        task = StepTask(context.task, context.slot, meets=meets, repeats=step if repeats else None, meetings=own)
         group = StepGroup(run, context, "all", timeout_s)
         here = replace(context, task=task, attempt=task if repeats else context.attempt)
         yield from group.perform([(task, inside(here))])
@@ -199,7 +202,7 @@ class StepGroup:
             if context.robot is not robot:
                 robot, end_s = context.robot, run.pauses.active_s() + timeout_s
         robots = dict.fromkeys(robot for task in self._left for robot in task.robots())
-        self.late = [robot for robot in robots if robot.outcome is None]
+        self.late = [robot for robot in robots if self._is_at_work(robot)]
 
     def _ended(self, task: StepTask, error: BaseException | None) -> None:
         run = self._run
@@ -218,7 +221,11 @@ class StepGroup:
         """Return whether a task has performed all of its steps, and was not cut short."""
         if task.is_stopped or self._run.is_stopping:
             return False
-        return task.slot is None or task.slot.robot.outcome is None
+        return task.slot is None or self._is_at_work(task.slot.robot)
+
+    def _is_at_work(self, robot: Participant) -> bool:
+        """Return whether a robot has not left the run; in `finally` all take part."""
+        return self._context.is_finally or robot.outcome is None
 
     def _stop_rest(self) -> Coroutine:
         tasks = list(self._left)
@@ -231,7 +238,7 @@ class StepGroup:
         touched: dict[str, None] | None = None
         if slot is not None and not any(task.touches_all for task in tasks):  # the robot's other branches continue
             touched = {name: None for task in tasks for name in task.touched}
-        yield from self._run.halt([robot for robot in robots if robot.outcome is None], touched)
+        yield from self._run.halt([robot for robot in robots if self._is_at_work(robot)], touched)
 
 
 @dataclass(eq=False)

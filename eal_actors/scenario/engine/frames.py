@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Hashable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -98,6 +99,20 @@ class RoleSlot:
 
 
 @dataclass(eq=False)
+class AttemptMeetings:
+    """How often the attempts of a block that one robot repeats have met others, by the key of the meeting."""
+
+    before: Counter[Hashable] = field(default_factory=Counter)
+    now: Counter[Hashable] = field(default_factory=Counter)
+
+    def begin(self) -> AttemptMeetings:
+        """Begin an attempt."""
+        self.before |= self.now
+        self.now = Counter()
+        return self
+
+
+@dataclass(eq=False)
 class StepTask:
     """A task: steps that run one after the other, beside those of other tasks.
 
@@ -105,6 +120,7 @@ class StepTask:
         parent: the task that waits for it; None for the main one.
         slot: of the robot whose steps they are; None outside of `on`.
         repeats: the block that they are an attempt of, if a failure repeats it.
+        meetings: the meetings of the attempts of that block, if one robot repeats it.
         touched: the resources of its robot that it, or a task inside it, has called.
         touches_all: it may have called any resource.
         is_stopped: it begins no more steps.
@@ -117,6 +133,7 @@ class StepTask:
     branch: str | None = None
     meets: frozenset[Hashable] = frozenset()
     repeats: object = None
+    meetings: AttemptMeetings | None = None
     error: EALError | None = field(default=None, init=False)
     children: dict[StepTask, None] = field(default_factory=dict, init=False)
     pending: dict[Future[Any], None] = field(default_factory=dict, init=False)
@@ -131,6 +148,22 @@ class StepTask:
         if self.slot is not None:
             return self.slot.robot.name
         return f"branch '{self.branch}'" if self.branch is not None else "the scenario"
+
+    def had_met(self, key: Hashable) -> bool:
+        """Return whether an earlier attempt of a block around it had met the others, who have gone on since."""
+        return any(found.now[key] < found.before[key] for found in self._attempts())
+
+    def note_meeting(self, key: Hashable) -> None:
+        """Count a meeting in the attempts of blocks around it."""
+        for found in self._attempts():
+            found.now[key] += 1
+
+    def _attempts(self) -> Iterator[AttemptMeetings]:
+        task: StepTask | None = self
+        while task is not None:
+            if task.meetings is not None:
+                yield task.meetings
+            task = task.parent
 
     def touch(self, resource: str | None) -> None:
         """Record a call of a resource; None means any resource."""

@@ -304,7 +304,10 @@ class _CallAction(StepAction):
         resource = self.resource or ""
         start: SynchronizedStart | None = None
         if step.is_together and not self._together.has_met and not run.has_met_before(context, self._path):
-            start = yield from join_start(run, context, step, self._path)
+            key = step.meeting(context.frame)
+            if not context.task.had_met(key):
+                start = yield from join_start(run, context, step, self._path)
+            context.task.note_meeting(key)
             self._together.has_met = True
         self.is_begun = True
         context.task.touch(self.resource)
