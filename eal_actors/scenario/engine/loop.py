@@ -44,7 +44,8 @@ class EventLoop:
     def sleep(self, duration_s: float) -> Future[None]:
         """Return a future that is done after a duration. Thread: the loop's own."""
         future: Future[None] = Future(self.clock)
-        self.call_at(self.clock.now() + duration_s, future.set)
+        timer = self.call_at(self.clock.now() + duration_s, future.set)
+        future.add_done_callback(lambda _: timer.cancel())  # or a sleep that is cut short would be kept until its time
         return future
 
     def checkpoint(self) -> Future[None]:
@@ -60,7 +61,8 @@ class EventLoop:
             try:
                 for future in coroutine:
                     if not future.done():
-                        future.timekeeper = self  # its deadline expires here even if its robot is stuck
+                        if future.clock is self.clock:
+                            future.timekeeper = self  # its deadline expires here even if its robot is stuck
                         future.add_done_callback(lambda _: self.post(go_on))
                         return
             except BaseException as error:  # noqa: BLE001  # the waiting task must learn of the end

@@ -114,3 +114,22 @@ def test_an_action_that_raises_is_reported_and_ends_nothing() -> None:
     loop.run(main())
 
     assert [str(error) for error in errors] == ["full", "full"]
+
+
+def test_a_deadline_of_another_clock_does_not_ring_in_the_loop(loop: EventLoop) -> None:
+    future: Future[int] = Future(ScaledClock(), 5.0)
+
+    def main() -> Coroutine:
+        loop.call_at(loop.clock.now() + 100, lambda: future.set(1))
+        yield future
+
+    loop.run(main())
+
+    assert future.get() == 1
+
+
+def test_a_sleep_that_is_cut_short_is_forgotten(loop: EventLoop) -> None:
+    for _ in range(5000):
+        loop.sleep(1e9).cancel()
+
+    assert len(loop._timers) < 3000
