@@ -293,7 +293,6 @@ class _RobotPoller:
             "not_ready": robot.not_ready,
             "problems": [*_not_repeated([problem.message for problem in robot.problems]), *warnings],
             "last_seen": self._seen if robot.state is RobotState.LOST else None,
-            "restarts": {name: count for name, count in robot.restarts.items() if count},
             "spread_m2": self._spread_m2,
             "pose_seen": self._old_pose(),
             "battery": None if charge is None else round(charge, 3),

@@ -275,7 +275,6 @@ def _describe_scenario(file: Path) -> dict[str, Any]:
         "file": file.name,
         "name": scenario.name,
         "description": scenario.file.description,
-        "roles": list(scenario.file.roles),
         "parameters": {name: section.model_dump() for name, section in scenario.file.parameters.items()},
         "problems": [],
     }

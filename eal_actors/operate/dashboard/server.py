@@ -17,13 +17,13 @@ from eal_actors.operate.dashboard.control import ControlRegistry, DashboardConte
 from eal_actors.operate.dashboard.credentials import CredentialWatch
 from eal_actors.operate.dashboard.dispatcher import Dispatcher
 from eal_actors.operate.dashboard.fleet_poller import FleetPoller
-from eal_actors.operate.dashboard.limits import MAX_CAMERAS, MAX_FRAMES_PER_S, TokenBucket
+from eal_actors.operate.dashboard.limits import MAX_CAMERAS, TokenBucket
 from eal_actors.operate.dashboard.log_tap import LogTap
 from eal_actors.operate.dashboard.notifier import Notifier
 from eal_actors.operate.dashboard.run_manager import RunManager
 from eal_actors.operate.dashboard.session import AppState
 from eal_actors.operate.dashboard.sign_in import SignIn
-from eal_actors.operate.dashboard.teleop import SILENCE_S, Teleop
+from eal_actors.operate.dashboard.teleop import Teleop
 from eal_actors.operate.dashboard.values import ValuePoller
 from eal_actors.operate.dashboard.web_server import WebServer, listen_at
 from eal_actors.operate.dashboard.world_map import world_map
@@ -110,9 +110,7 @@ class Dashboard:
             "trails": self._poller.trails(),
             "rate": self._fleet.clock.of_real(1.0),
             "now_s": self._fleet.clock.now(),
-            "silence_s": SILENCE_S,
             "max_cameras": MAX_CAMERAS,
-            "max_frames_per_s": MAX_FRAMES_PER_S,
         }
 
     @property

@@ -20,9 +20,7 @@ export interface Hello {
   rate: number;
   /** The time of the fleet's clock. */
   now_s: number;
-  silence_s: number;
   max_cameras: number;
-  max_frames_per_s: number;
   /** The server's name for this page. */
   you: string;
   /** The operator's name, else how the user got in. */
@@ -99,7 +97,6 @@ export interface Robot {
   /** Reasons by resource. */
   not_ready: Record<string, string>;
   problems: string[];
-  restarts: Record<string, number>;
   /** 0 to 1. */
   battery: number | null;
   round_trip_ms: number | null;
@@ -263,7 +260,6 @@ export interface ScenarioEntry {
   name: string;
   problems: string[];
   description?: string | null;
-  roles?: string[];
   parameters?: Record<string, Parameter>;
 }
 
