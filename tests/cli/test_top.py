@@ -188,6 +188,18 @@ class TestRuns:
 
 
 class TestStatistics:
+    @pytest.mark.parametrize("line", ["[1]", '{"event": "run_started"}', '{"event": "step_ended", "record": 1}'])
+    def test_a_damaged_record_is_skipped(self, eal: Any, slides: Path, move: Path, tmp_path: Path, line: str) -> None:
+        """Of both the newest one, which is damaged, and the one before it, the second is shown."""
+        for _ in range(2):
+            assert eal("run", move, "--fleet", slides, "--rate", 20, "--no-plot", "--runs-dir", tmp_path).exit_code == 0
+        _, second = sorted(tmp_path.glob("move-*"), key=lambda run: (run / "events.jsonl").stat().st_mtime_ns)
+        with (second / "events.jsonl").open("a", encoding="utf-8") as events:
+            events.write(f"{line}\n")
+        found = latest_run(tmp_path, "slides")
+        assert found is not None
+        assert found.outcome == "done"
+
     def test_quantiles_and_rates_of_the_last_seconds(self) -> None:
         recent = RecentCalls()
         recent.add("one", 0.0, 9.0)  # too long ago

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -53,17 +54,19 @@ def latest_run(runs_dir: Path, fleet: str) -> RunProgress | None:
     for file in files:
         try:
             with file.open(encoding="utf-8", errors="replace") as lines:
-                progress = progress_of(lines)
-        except OSError:
+                first = progress_of(islice(lines, 1))  # without the other lines of all runs of other fleets
+                if first is not None and first.fleet == fleet:
+                    return progress_of(lines, first)
+        except (OSError, AttributeError, KeyError, TypeError):  # of a damaged file
             continue
-        if progress is not None and progress.fleet == fleet:
-            return progress
     return None
 
 
-def progress_of(lines: Iterable[str]) -> RunProgress | None:
-    """Return the progress by a run's events; None without a start. The last line may be incomplete."""
-    progress: RunProgress | None = None
+def progress_of(lines: Iterable[str], progress: RunProgress | None = None) -> RunProgress | None:
+    """Return the progress by a run's events, or further ones; None without a start. The last line may be incomplete.
+
+    Raises AttributeError, KeyError or TypeError if a line is no event.
+    """
     for line in lines:
         try:
             event = json.loads(line)
