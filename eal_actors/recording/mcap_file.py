@@ -166,6 +166,11 @@ class McapFile:
         finally:
             self._stream.close()
 
+    def abandon(self) -> None:
+        """Close the file as it is, after an OSError: an index would cover the message that was cut off."""
+        with suppress(OSError):
+            self._stream.close()
+
 
 def pose_topic(robot: str, resource: str) -> str:
     """Return the topic of a robot's poses by one of its resources."""

@@ -20,7 +20,7 @@ from eal_actors.kernel.errors import EALError, UnsupportedError
 from eal_actors.kernel.lock_step import MAX
 from eal_actors.kernel.log import get_logger
 from eal_actors.recording import mcap_file, messages, schemas
-from eal_actors.recording.mcap_file import RECORD_FILE, McapFile, pose_topic
+from eal_actors.recording.mcap_file import RECORD_FILE, McapFile, is_whole, pose_topic
 from eal_actors.recording.poses import (
     POSE_PERIOD_S,
     POSE_RESOURCES,
@@ -123,7 +123,8 @@ class RunRecorder:
         try:
             if self._table is not None:
                 self._table.close()
-            if (self._directory / PART_FILE).exists():
+            record = self._directory / RECORD_FILE
+            if (self._directory / PART_FILE).exists() or (record.exists() and not is_whole(record)):
                 merge_record(RunFolder.open(self._directory))
         except (OSError, EALError) as error:
             get_logger().error("the run's record is incomplete", reason=str(error))
@@ -270,6 +271,7 @@ class RunRecorder:
             write(self._file)
         except OSError as error:
             get_logger().error("run.mcap ends here", reason=str(error))
+            self._file.abandon()
             self._file = None
 
 

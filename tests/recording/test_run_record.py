@@ -6,8 +6,10 @@ import csv
 import dataclasses
 import json
 import math
+import resource
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 from mcap.reader import make_reader
@@ -25,8 +27,8 @@ from eal_actors.recording import RunFolder, RunRecorder, messages, new_run_folde
 from eal_actors.recording.mcap_file import RECORD_FILE, McapFile, read_mcap
 from eal_actors.recording.recorded_run import INFOS, RecordedRun
 from eal_actors.recording.repair import PART_FILE, merge_record
-from eal_actors.scenario.report.events import RunContinued
-from eal_actors.scenario.report.journal import hold_record
+from eal_actors.scenario.report.events import LogLine, RunContinued, RunStarted
+from eal_actors.scenario.report.journal import Journal, hold_record
 from tests.recording.conftest import record_run
 
 
@@ -142,6 +144,28 @@ def test_a_killed_record_is_repaired_for_every_reader(run: Path, tmp_path: Path)
     whole_topics = [entry.topic for entry in read_mcap(run / "run.mcap").messages]
     for topic in ("/events", "/tf", "/roomba-1/commands"):
         assert topics.count(topic) == whole_topics.count(topic)
+
+
+def test_a_record_that_found_no_room_for_a_while_is_whole_at_its_end(tmp_path: Path) -> None:
+    config = dataclasses.replace(EALConfigManager.load(bundled_path("fleets/sim.yaml")).fleet, rate=MAX)
+    plain, most = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with Fleet(config) as fleet, RunRecorder(fleet, ["roomba-1"], tmp_path, "all") as made:
+        journal = Journal(tmp_path, [made.hear])
+        started = dict.fromkeys(("scenario", "scenario_file", "scenario_hash", "fleet", "fleet_file"), "x")
+        about: dict[str, Any] = {"roles": {}, "spares": {}, "parameters": {}, "calls": 0, "seed": 0, "rate": 1.0}
+        journal.write(RunStarted(0.0, robots=("roomba-1",), **started, **about))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (70_000, most))  # acts like a full disk
+        try:
+            fleet.clock.sleep(3.0)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (plain, most))
+        journal.write(LogLine(3.0, None, "the end"))
+        journal.close()
+    content = read_mcap(tmp_path / RECORD_FILE)
+    assert content.is_complete
+    assert [entry.message["event"] for entry in content.messages if entry.topic == "/events"] == ["run_started", "log"]
+    newest_s = max(entry.time_s for entry in content.messages if entry.topic == "/roomba-1/TruePose")
+    assert newest_s == pytest.approx(3.0, abs=0.2)
 
 
 def test_the_next_run_repairs_the_records_of_killed_runs_and_of_no_others(run: Path, tmp_path: Path) -> None:
