@@ -14,6 +14,7 @@ import queue
 import secrets
 import threading
 from collections.abc import Callable, Mapping
+from datetime import datetime
 from io import TextIOWrapper
 from logging.handlers import QueueListener, RotatingFileHandler
 from pathlib import Path
@@ -95,7 +96,11 @@ class _PrivateFile(RotatingFileHandler):
 
     @override
     def _open(self) -> TextIOWrapper:
-        return os.fdopen(os.open(self.baseFilename, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600), "a")
+        stream = os.fdopen(os.open(self.baseFilename, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600), "a")
+        content = Path(self.baseFilename).read_bytes()
+        if content and not content.endswith(b"\n"):  # a crash has cut off the last line, which must not spoil the next
+            stream.write("\n")
+        return stream
 
     @override
     def handleError(self, record: logging.LogRecord) -> None:
@@ -111,19 +116,27 @@ def read_audit(folder: Path) -> list[dict[str, Any]]:
     files = [newest.with_name(f"{AUDIT_FILE}.{number}") for number in range(_OLDER_FILES, 0, -1)]
     entries: dict[str, dict[str, Any]] = {}
     try:
-        lines = [line for file in files if file.exists() for line in file.read_text("utf-8").splitlines()]
-        lines += newest.read_text("utf-8").splitlines()
+        texts = [file.read_text("utf-8", "replace") for file in files if file.exists()]
+        texts.append(newest.read_text("utf-8", "replace"))
     except OSError as error:
         raise file_error(newest, f"cannot be read: {error.strerror}") from error
-    for line in lines:
-        try:
-            fields = json.loads(line)
-            number = fields["id"]
-        except (ValueError, KeyError, TypeError):  # cut off by a crash
+    for line in (line for text in texts for line in text.splitlines() if line):
+        if (fields := _parse_line(line)) is None:  # cut off by a crash
             get_logger().warning("a line of the audit log is damaged", line=line[:200])
-            continue
-        if "command" in fields:
-            entries[number] = {**fields, "outcome": None, "ended": None}
-        elif number in entries:
-            entries[number] |= {"outcome": fields.get("outcome"), "ended": fields["at"]}
+        elif "command" in fields:
+            entries[fields["id"]] = {**fields, "outcome": None, "ended": None}
+        elif fields["id"] in entries:
+            entries[fields["id"]] |= {"outcome": fields["outcome"], "ended": fields["at"]}
     return list(entries.values())
+
+
+def _parse_line(line: str) -> dict[str, Any] | None:
+    """Return a line of the log, the beginning or the end of a command; None if it is damaged."""
+    try:
+        fields: dict[str, Any] = json.loads(line)
+        texts = ("id", "at", *(("who", "from", "command") if "command" in fields else ("outcome",)))
+        datetime.fromisoformat(fields["at"])
+        is_whole = all(isinstance(fields[key], str) for key in texts)
+    except (ValueError, KeyError, TypeError):
+        return None
+    return fields if is_whole and isinstance(fields.get("arguments", {}), dict) else None

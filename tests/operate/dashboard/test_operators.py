@@ -203,7 +203,7 @@ def test_a_command_whose_end_is_lost_is_in_the_audit_log(tmp_path: Path, eal: Pr
 def test_a_long_error_does_not_push_other_entries_out_of_the_audit_log(tmp_path: Path) -> None:
     """An agent asked for a plan whose hash had four million characters; the refusal repeated them."""
     log = AuditLog(tmp_path).start()
-    log.begin({"who": "agent"}, "run_plan", {})("refused: " + "a" * 4_000_000)
+    log.begin({"who": "agent", "from": "stdio"}, "run_plan", {})("refused: " + "a" * 4_000_000)
     log.close()
     assert (tmp_path / AUDIT_FILE).stat().st_size < 2000
     assert read_audit(tmp_path)[0]["outcome"].startswith("refused: aaa")
