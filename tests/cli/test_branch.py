@@ -80,6 +80,7 @@ def samples_before(run: Path, time_s: float) -> list[tuple[str, float, Any]]:
     [
         (["--at", "99", "--set", "leg_m=0.1"], "'--at': the run lasted"),
         (["--at", "1", "--without-fault", "stuck_left"], "'--without-fault': the run has no fault 'stuck_left'; its"),
+        (["--at", "1", "--with-fault", "ann.dead=[1"], "'--with-fault': ann.dead has no value: '[1' is no YAML"),
         (
             ["--at", "1", "--with-fault", "carl.dead"],
             "'--with-fault': 'carl.dead': faults can be injected into ann, bob",

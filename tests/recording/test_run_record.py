@@ -151,9 +151,11 @@ def test_a_record_that_found_no_room_for_a_while_is_whole_at_its_end(tmp_path: P
     plain, most = resource.getrlimit(resource.RLIMIT_FSIZE)
     with Fleet(config) as fleet, RunRecorder(fleet, ["roomba-1"], tmp_path, "all") as made:
         journal = Journal(tmp_path, [made.hear])
-        started = dict.fromkeys(("scenario", "scenario_file", "scenario_hash", "fleet", "fleet_file"), "x")
-        about: dict[str, Any] = {"roles": {}, "spares": {}, "parameters": {}, "calls": 0, "seed": 0, "rate": 1.0}
-        journal.write(RunStarted(0.0, robots=("roomba-1",), **started, **about))
+        about: dict[str, Any] = dict.fromkeys(
+            ("scenario", "scenario_file", "scenario_hash", "fleet", "fleet_file"), "x"
+        )
+        about |= {"roles": {}, "spares": {}, "parameters": {}, "calls": 0, "seed": 0, "rate": 1.0}
+        journal.write(RunStarted(0.0, robots=("roomba-1",), **about))
         resource.setrlimit(resource.RLIMIT_FSIZE, (70_000, most))  # acts like a full disk
         try:
             fleet.clock.sleep(3.0)

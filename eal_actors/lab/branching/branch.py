@@ -237,4 +237,7 @@ def parse_fault(text: str) -> tuple[str, Any]:
     name, equals, value = text.partition("=")
     if not name.rpartition(".")[0]:
         raise ValueError(f"must be ROBOT.FAULT or ROBOT.FAULT=VALUE, not {text!r}")
-    return name, yaml.safe_load(value) if equals else True
+    try:
+        return name, yaml.safe_load(value) if equals else True
+    except yaml.YAMLError as error:
+        raise ValueError(f"{name} has no value: {value!r} is no YAML: {getattr(error, 'problem', error)}") from error
