@@ -232,7 +232,7 @@ class CommandHistory(Generic[T]):
         """Raise StaleCommandError for a command of another run or of a wrong age."""
         if header.era != self.era:
             why = f"was meant for run {header.era} of the robot's server; this is run {self.era}"
-            raise _stale(header, resource, f"{why}: it was restarted meanwhile, or two processes serve the robot")
+            raise _stale(header, resource, f"{why}: it was restarted meanwhile")
         if age_s < -_ROUNDING_S:
             raise _stale(
                 header,
