@@ -1,7 +1,8 @@
 """Exit handlers: the robots of open fleets stop however the program ends.
 
 SIGTERM and SIGHUP would end a process without running Python code, so a dropped connection would leave the motors
-running. While a fleet is open they end the program as `sys.exit` does, unless the program has handlers of its own.
+running. While a fleet is open they end the program as `sys.exit` does, and Ctrl-Z as Ctrl-C does, because a suspended
+program could halt nothing. Handlers of the program's own are left alone.
 """
 
 from __future__ import annotations
@@ -19,8 +20,6 @@ from typing import Final, NoReturn
 from eal_actors.kernel.errors import EALError, UnavailableError
 from eal_actors.wire.engine_exit import IS_A_FORK  # whose exit handler runs after this module's
 
-_SIGNALS: Final = tuple(one for one in signal.valid_signals() if getattr(one, "name", "") in ("SIGTERM", "SIGHUP"))
-"""Signals that end a program; not every system has both."""
 _actions: dict[Callable[[], None], Callable[[EALError], None]] = {}
 _process_id = os.getpid()
 """The process that has the actions; another one in a child until `_leave_all` has run."""
@@ -32,14 +31,14 @@ def close_on_exit(close: Callable[[], None], leave: Callable[[EALError], None]) 
     Thread: any; signals are handled if it is the main thread.
     """
     _actions[close] = leave
-    _replace_handlers(signal.SIG_DFL, _exit)
+    _replace_handlers(is_open=True)
 
 
 def forget(close: Callable[[], None]) -> None:
     """Undo `close_on_exit`. Thread: any."""
     _actions.pop(close, None)
     if not _actions:
-        _replace_handlers(_exit, signal.SIG_DFL)
+        _replace_handlers(is_open=False)
 
 
 def is_to_close(close: Callable[[], None]) -> bool:
@@ -61,7 +60,7 @@ def _leave_all() -> None:
     """Leave everything to the parent. Thread: the only one of a child, where a lock may be held for ever."""
     global _process_id
     _process_id = os.getpid()
-    _replace_handlers(_exit, signal.SIG_DFL)
+    _replace_handlers(is_open=False)
     for leave in _actions.values():
         leave(UnavailableError(IS_A_FORK))
     _actions.clear()
@@ -103,8 +102,20 @@ def ends_call(action: Callable[[BaseException], None]) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _replace_handlers(before: object, after: object) -> None:
+def _interrupt(_number: int, _frame: FrameType | None) -> None:
+    signal.raise_signal(signal.SIGINT)
+
+
+_HANDLERS: Final = {"SIGTERM": _exit, "SIGHUP": _exit, "SIGTSTP": _interrupt}
+_SIGNALS: Final = tuple(one for one in signal.valid_signals() if getattr(one, "name", "") in _HANDLERS)
+"""Signals that end or suspend a program; not every system has all."""
+
+
+def _replace_handlers(*, is_open: bool) -> None:
     if threading.current_thread() is threading.main_thread():  # Python sets handlers in the main thread only
         for number in _SIGNALS:
-            if signal.getsignal(number) == before:
-                signal.signal(number, after)  # type: ignore[arg-type]  # one of the two values above
+            ours = _HANDLERS[signal.Signals(number).name]
+            if is_open and signal.getsignal(number) == signal.SIG_DFL:
+                signal.signal(number, ours)
+            elif not is_open and signal.getsignal(number) == ours:
+                signal.signal(number, signal.SIG_DFL)

@@ -170,7 +170,7 @@ def test_nohup_is_heeded(start: Start, slides: Path, write: Any) -> None:
     process.kill()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP])
 def test_a_signal_during_a_call_halts_what_moves(start: Start, slides: Path, number: signal.Signals) -> None:
     plugin = slides.parent / "plugins" / "slide" / "plugin.py"
     text = plugin.read_text(encoding="utf-8")

@@ -49,7 +49,7 @@ def test_a_fleet_that_a_program_forgot_is_closed_at_its_end(noted_fleet: Path) -
     assert done.stdout.split() == ["going", "halted", "disconnected"], done.stderr
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP])
 def test_a_script_that_is_ended_by_a_signal_halts_its_robots(noted_fleet: Path, number: signal.Signals) -> None:
     program = (
         "import eal_actors\n"
