@@ -12,6 +12,9 @@ from eal_actors.device.localization.pose_estimate import Point
 
 _CORNER_RAD: Final = math.radians(30)
 """A sharper bend is a corner: the robot drives to it and turns in place, so that it never cuts it."""
+_JITTER_M: Final = 0.01
+"""The points of a leg are so near to its line: recorded points stray, and those of a grid form stairs."""
+_LEG_M: Final = 0.06  # longest leg of several points
 _SAME_M: Final = 1e-4  # points that are nearer to the former one are left out, but for the last
 _WINDOW_M: Final = 0.3
 """The robot is searched so far along the route, so that a route that crosses itself is driven in order."""
@@ -33,14 +36,16 @@ class Route:
             self._points[-1] = points[-1]
         ways_m = [math.dist(here, there) for here, there in itertools.pairwise(self._points)]
         self._starts_m = [0.0, *itertools.accumulate(ways_m)]
-        self._corners_m = [self._starts_m[place] for place in range(1, len(ways_m)) if self._is_corner(place)]
-        self._corners_m.append(self._starts_m[-1])
+        ends = _ends_of_legs(self._points)
+        legs = list(itertools.pairwise(ends)) or [(0, 0)]
+        self._corners = [leg for leg, (_, after) in itertools.pairwise(legs) if self._is_corner(*leg, after)]
+        self._corners.append(legs[-1])  # each with where its last leg begins
         self._passed = 0
         self.length_m = self._starts_m[-1]
         self.travelled_m = 0.0
 
-    def _is_corner(self, place: int) -> bool:
-        (ax, ay), (bx, by), (cx, cy) = self._points[place - 1 : place + 2]
+    def _is_corner(self, before: int, place: int, after: int) -> bool:
+        (ax, ay), (bx, by), (cx, cy) = (self._points[number] for number in (before, place, after))
         bend_rad = math.atan2(cy - by, cx - bx) - math.atan2(by - ay, bx - ax)
         return abs(math.remainder(bend_rad, math.tau)) > _CORNER_RAD
 
@@ -52,7 +57,7 @@ class Route:
     @property
     def corner_m(self) -> float:
         """The distance along the route of the next corner, which the end is too."""
-        return self._corners_m[self._passed]
+        return self._starts_m[self._corners[self._passed][1]]
 
     def advance(self, x_m: float, y_m: float) -> None:
         """Update `travelled_m` from the robot's place, at most to the next corner."""
@@ -70,7 +75,7 @@ class Route:
     def pass_corner(self) -> None:
         """Count the next corner as reached."""
         self.travelled_m = self.corner_m
-        self._passed = min(self._passed + 1, len(self._corners_m) - 1)
+        self._passed = min(self._passed + 1, len(self._corners) - 1)
 
     def point_at(self, along_m: float) -> Point:
         """Return the point at a distance along the route, from 0 to its length."""
@@ -85,9 +90,9 @@ class Route:
         over_m = along_m - self.corner_m
         if over_m <= 0:
             return self.point_at(along_m)
-        place = self._starts_m.index(self.corner_m)
-        (ax, ay), (bx, by) = self._points[place - 1 : place + 1]
-        share = over_m / (self._starts_m[place] - self._starts_m[place - 1])
+        before, place = self._corners[self._passed]
+        (ax, ay), (bx, by) = self._points[before], self._points[place]
+        share = over_m / (self._starts_m[place] - self._starts_m[before])
         return bx + share * (bx - ax), by + share * (by - ay)
 
     def _place_of(self, along_m: float) -> int:
@@ -99,3 +104,47 @@ class Route:
         ux, uy, way_m = bx - ax, by - ay, self._starts_m[place + 1] - self._starts_m[place]
         share = ((x_m - ax) * ux + (y_m - ay) * uy) / (way_m * way_m)
         return self._starts_m[place] + min(max(share, 0.0), 1.0) * way_m
+
+
+class _Leg:
+    """A straight part of a route."""
+
+    def __init__(self, start: Point) -> None:
+        self._start = start
+        self._course_rad: float | None = None
+        self._least_rad = self._most_rad = 0.0  # of the courses, from the first one, that are near to all points
+        self._reach_m = 0.0
+
+    def takes(self, point: Point) -> bool:
+        """Add a point, unless the leg would bend, turn back or be too long; return whether it was added."""
+        way_m = math.dist(self._start, point)
+        if way_m <= _JITTER_M:
+            return self._reach_m <= 2 * _JITTER_M
+        course_rad, half_rad = self._course_to(point), math.asin(_JITTER_M / way_m)
+        if self._course_rad is None:
+            self._course_rad, self._least_rad, self._most_rad = course_rad, -half_rad, half_rad
+        else:
+            turn_rad = math.remainder(course_rad - self._course_rad, math.tau)
+            if not (self._least_rad <= turn_rad <= self._most_rad and self._reach_m - _JITTER_M <= way_m <= _LEG_M):
+                return False
+            self._least_rad = max(self._least_rad, turn_rad - half_rad)
+            self._most_rad = min(self._most_rad, turn_rad + half_rad)
+        self._reach_m = max(self._reach_m, way_m)
+        return True
+
+    def _course_to(self, point: Point) -> float:
+        return math.atan2(point[1] - self._start[1], point[0] - self._start[0])
+
+
+def _ends_of_legs(points: Sequence[Point]) -> list[int]:
+    """Return the numbers of the points at which legs begin or end.
+
+    Source: J. Sklansky and V. Gonzalez, "Fast polygonal approximation of digitized curves", 1980.
+    """
+    ends, leg = [0], _Leg(points[0])
+    for number in range(1, len(points)):
+        if not leg.takes(points[number]):
+            ends.append(number - 1)
+            leg = _Leg(points[number - 1])
+            leg.takes(points[number])
+    return [*ends, len(points) - 1] if len(points) > 1 else ends

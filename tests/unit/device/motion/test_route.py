@@ -37,6 +37,13 @@ def test_a_curve_of_short_legs_has_no_corners() -> None:
     assert route.corner_m == route.length_m
 
 
+def test_a_corner_between_many_points_is_one() -> None:
+    route = Route([(step / 200, 0.0) for step in range(101)] + [(0.5, step / 200) for step in range(1, 101)])
+    assert route.corner_m == pytest.approx(0.5, abs=0.011)
+    route.pass_corner()
+    assert route.corner_m == route.length_m == pytest.approx(1.0)
+
+
 def test_waypoints_that_are_closer_than_a_step_of_an_encoder_are_still_a_way() -> None:
     route = Route([(step * 5e-5, 0.0) for step in range(10_001)])
     assert route.length_m == pytest.approx(0.5)

@@ -104,14 +104,32 @@ def test_it_arrives_from_everywhere(delay: int, factors: tuple[float, float]) ->
         assert abs(end_rad) < math.radians(2), f"seed {seed}"
 
 
+def stairs(step_m: float) -> list[Point]:
+    """Return a way along the cells of a grid: a diagonal up, and one down."""
+    legs = [(step_m, 0.0), (0.0, step_m)] * round(0.5 / step_m) + [(step_m, 0.0), (0.0, -step_m)] * round(0.5 / step_m)
+    xs, ys = (itertools.accumulate(axis) for axis in zip(*legs, strict=True))
+    return list(zip(xs, ys, strict=True))
+
+
+def recorded(step_m: float, scatter_m: float) -> list[Point]:
+    """Return a curve as a robot's own poses tell it."""
+    random = Random(3)  # noqa: S311
+    turns = [step * step_m for step in range(1, round(2 / step_m))]
+    return [(random.gauss(math.sin(turn), scatter_m), random.gauss(1 - math.cos(turn), scatter_m)) for turn in turns]
+
+
 @pytest.mark.parametrize(
     ("path", "most_m"),
     [
         ([(1.0, 0.0), (1.0, 1.0), (0.0, 1.0), (0.0, 0.0)], 0.03),
         ([(1.0, 0.0), (0.0, 0.02)], 0.03),
         ([(math.sin(step / 20), 1 - math.cos(step / 20)) for step in range(1, 100)], 0.01),
+        (stairs(0.005), 0.015),
+        (stairs(0.009), 0.015),
+        (recorded(0.004, 0.001), 0.02),
+        (recorded(0.02, 0.002), 0.02),
     ],
-    ids=["square", "hairpin", "circle"],
+    ids=["square", "hairpin", "circle", "fine stairs", "stairs", "dense points", "points"],
 )
 def test_it_stays_on_its_path(path: list[Point], most_m: float) -> None:
     off_m, end_m, _ = run(Unicycle((0.0, 0.0, 0.0), 1, (1.0, 1.0)), path, None, Random(1))  # noqa: S311
