@@ -63,11 +63,13 @@ class MqttReceived:
         payload: its bytes; empty if they are too many.
         arrived_s: by the fleet's clock.
         is_too_long: whether they are more than are read.
+        is_retained: whether the broker had kept it, for how long ever.
     """
 
     payload: bytes
     arrived_s: float
     is_too_long: bool = False
+    is_retained: bool = False
 
 
 class TopicInbox:
@@ -78,10 +80,10 @@ class TopicInbox:
         self._max_bytes = max_bytes
         self._waiting: deque[MqttReceived] = deque(maxlen=depth)
 
-    def put(self, payload: bytes, arrived_s: float) -> None:
+    def put(self, payload: bytes, arrived_s: float, *, is_retained: bool) -> None:
         """Keep a message; the oldest is dropped from a full inbox. Thread: the client's."""
         is_too_long = len(payload) > self._max_bytes
-        self._waiting.append(MqttReceived(b"" if is_too_long else payload, arrived_s, is_too_long))
+        self._waiting.append(MqttReceived(b"" if is_too_long else payload, arrived_s, is_too_long, is_retained))
 
     @property
     def has_message(self) -> bool:
@@ -208,7 +210,7 @@ class MqttConnection:
 
     def _on_message(self, _: paho.Client, __: Any, message: paho.MQTTMessage) -> None:
         for inbox in self._inboxes.get(message.topic, ()):
-            inbox.put(bytes(message.payload), self._clock.now())
+            inbox.put(bytes(message.payload), self._clock.now(), is_retained=message.retain)
 
     # The users' threads.
 

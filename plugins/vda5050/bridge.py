@@ -56,6 +56,8 @@ def open_bridge(fleet: Fleet, settings: BridgeSettings) -> Iterator[str]:
     try:
         with Sampler(fleet.clock, specs, keep):
             thread.start()
+            for vehicle in vehicles.values():
+                vehicle.await_broker()
             problem = next((why for one in vehicles.values() if (why := one.why_not_ready())), None)
             topics = f"{settings.interface}/v2/{settings.manufacturer}"
             yield f"{len(vehicles)} AGVs at {settings.broker}, topics {topics}/ROBOT" + (

@@ -115,7 +115,7 @@ class Edge(Part):
 class Order(AgvHeader):
     """An order, or an update of it."""
 
-    order_id: Name
+    order_id: Name = Field(min_length=1)
     order_update_id: int
     nodes: list[Node]
     edges: list[Edge]

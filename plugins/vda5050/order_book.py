@@ -7,11 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
+from typing import Final
 
 from .messages import AgvAction, AgvError, Edge, EdgeState, Node, NodeState, Order, Reference
 
 _DEVIATION_M = 0.5
 """Distance from the first node within which an order is taken, if the order gives none."""
+MOST_THETA: Final = math.tau
+"""Headings are in rad, -pi to pi; some masters count from 0 to 2 pi."""
 _MOST_PARTS = 1000
 """Every state repeats the nodes and actions that are left."""
 
@@ -38,16 +41,24 @@ class OrderBook:
         self.nodes: list[Node] = []
         self.edges: list[Edge] = []
 
-    def receive(self, order: Order, place: tuple[float, float] | None) -> AgvError | None:
-        """Take an order or an update; returns why it is refused. A place of None is not known."""
+    def has(self, order: Order) -> bool:
+        """Return whether an order is the present one: the master repeats it."""
+        return (order.order_id, order.order_update_id) == (self.order_id, self.update_id)
+
+    def receive(self, order: Order, place: tuple[float, float] | None, *, is_over: bool) -> AgvError | None:
+        """Take an order or an update that it does not have; returns why it is refused. A place of None is not known.
+
+        Args:
+            is_over: whether nothing is left of the present order.
+        """
         if (problem := self._problem(order)) is not None:
             return _refusal(order, "validationError", problem)
         if order.order_id != self.order_id:
-            return self._begin(order, place)
+            return self._begin(order, place, is_over=is_over)
         return self._update(order)
 
-    def _begin(self, order: Order, place: tuple[float, float] | None) -> AgvError | None:
-        if self.nodes:
+    def _begin(self, order: Order, place: tuple[float, float] | None, *, is_over: bool) -> AgvError | None:
+        if not is_over:
             return _refusal(order, "orderError", f"order {self.order_id} is not over")
         first = order.nodes[0]
         position = first.node_position
@@ -67,8 +78,6 @@ class OrderBook:
     def _update(self, order: Order) -> AgvError | None:
         if order.order_update_id < self.update_id:
             return _refusal(order, "orderUpdateError", f"update {self.update_id} is newer")
-        if order.order_update_id == self.update_id:  # the master repeats it
-            return None
         first, last = order.nodes[0], self._last_released
         if last is None or (first.node_id, first.sequence_id) != (last.node_id, last.sequence_id):
             wanted = "none" if last is None else f"{last.node_id} ({last.sequence_id})"
@@ -112,6 +121,8 @@ class OrderBook:
             return f"node {node.node_id} has no nodePosition"
         if node.node_position.map_id != self._map_id:
             return f"node {node.node_id} is on map {node.node_position.map_id}; this is {self._map_id}"
+        if abs(node.node_position.theta or 0.0) > MOST_THETA:
+            return f"node {node.node_id} has a theta of {node.node_position.theta:g}; it is in rad"
         unknown = {action.action_type for action in node.actions} - set(self._action_types)
         return f"node {node.node_id} has unknown actions: {', '.join(sorted(unknown))}" if unknown else None
 
@@ -128,6 +139,10 @@ class OrderBook:
         self.last_node = node.node_id, node.sequence_id
         self.nodes = [one for one in self.nodes if one.sequence_id > node.sequence_id]
         self.edges = [one for one in self.edges if one.sequence_id > node.sequence_id]
+
+    def place_at(self, node_id: str) -> None:
+        """Note that the vehicle was put somewhere else; the last node is that of its new place."""
+        self.last_node, self._last_released = (node_id, 0), None
 
     def cancel(self) -> list[AgvAction]:
         """Forget the nodes and edges of the order; returns the actions that were left."""

@@ -38,8 +38,9 @@ class OrderDriver:
 
     @property
     def is_driving(self) -> bool:
-        """Whether the robot is on its way to a node."""
-        return self._driving is not None
+        """Whether the robot is on its way to a node, or its base carries out an action."""
+        is_at_base = self._working is not None and self._working[0].parameters()["resource"] == BASE
+        return self._driving is not None or is_at_base
 
     @property
     def is_busy(self) -> bool:

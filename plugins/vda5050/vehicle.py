@@ -16,7 +16,7 @@ from eal_actors.plugin import Clock, DataError, get_logger, is_plausible
 
 from .factsheet import ACTIONS, factsheet
 from .messages import AgvAction, AgvPosition, AgvState, BatteryState, InstantActions, Order, SafetyState, Visualization
-from .order_book import OrderBook
+from .order_book import MOST_THETA, OrderBook
 from .order_driver import OrderDriver
 from .settings import BridgeSettings
 from .vehicle_report import VehicleReport
@@ -42,7 +42,7 @@ class FleetVehicle:
         self._pose: tuple[float, float, float] | None = None
         self._charge = _UNKNOWN_CHARGE
         self._is_paused = False
-        self._placing: tuple[AgvAction, Future[int]] | None = None
+        self._placing: tuple[AgvAction, tuple[float, float, float], Future[int]] | None = None
         self._state_due_s = 0.0
         self._pose_due_s = 0.0
 
@@ -77,6 +77,10 @@ class FleetVehicle:
             self._driver.stop()
         self._topics.close()
 
+    def await_broker(self) -> None:
+        """Wait for the broker's first answer, for a short time. Thread: blocks the caller."""
+        self._topics.await_broker()
+
     def why_not_ready(self) -> str | None:
         """Return why the broker is out of reach; None if it is not."""
         return self._topics.why_not_ready()
@@ -93,12 +97,14 @@ class FleetVehicle:
                 self._act(action)
 
     def _accept(self, order: Order) -> None:
-        place = None if self._pose is None else self._pose[:2]
-        refusal = self._book.receive(order, place)
+        if self._book.has(order):
+            return
+        place, is_update = None if self._pose is None else self._pose[:2], order.order_id == self._book.order_id
+        refusal = self._book.receive(order, place, is_over=not self._driver.has_order)
         if refusal is not None:
             self._report.keep(refusal)
         else:
-            self._report.clear()
+            self._report.clear(keep_fatal=is_update)
             self._report.await_actions([action for node in order.nodes for action in node.actions])
 
     # Instant actions.
@@ -129,7 +135,7 @@ class FleetVehicle:
             self._report.add(kind, problem, actionId=action.action_id)
 
     def _cancel(self, _: AgvAction) -> str | None:
-        if not self._driver.has_order:
+        if not self._driver.has_order and not self._report.is_fatal:
             return "there is no order to cancel"
         self._driver.cancel()
         self._report.clear()
@@ -148,19 +154,24 @@ class FleetVehicle:
 
     def _init_position(self, action: AgvAction) -> None:
         wanted = action.parameters()
-        pose = [float(wanted[name]) for name in ("x", "y", "theta")]
-        if not is_plausible(*pose) or wanted.get("mapId") != self._settings.map_id:
+        pose = float(wanted["x"]), float(wanted["y"]), float(wanted["theta"])
+        if not is_plausible(*pose) or abs(pose[2]) > MOST_THETA or wanted.get("mapId") != self._settings.map_id:
             raise ValueError(
-                f"initPosition needs finite x, y, theta within 1,000 km, and the map {self._settings.map_id}"
+                f"initPosition needs finite x, y within 1,000 km, theta in rad, and the map {self._settings.map_id}"
             )
+        if self._driver.has_order:
+            raise ValueError(f"order {self._book.order_id} is not over")
         if self._placing is not None:
             raise ValueError("another initPosition is not over")
-        self._placing = action, self._robot["Pose"].set_value(pose)
+        self._placing = action, pose, self._robot["Pose"].set_value(list(pose))
 
     def _hear_of_place(self) -> None:
-        if self._placing is not None and self._placing[1].done():
-            (action, answer), self._placing = self._placing, None
+        if self._placing is not None and self._placing[2].done():
+            (action, pose, answer), self._placing = self._placing, None
             error = answer.exception()
+            if error is None:
+                self._pose = pose  # not sampled yet, and the next order begins there
+                self._book.place_at(str(action.parameters().get("lastNodeId", "")))
             self._end_action(action, None if error is None else str(error))
 
     # What it publishes.

@@ -53,9 +53,10 @@ class VehicleReport:
         self.errors = [*self.errors[1 - _MOST_ERRORS :], error]
         self.is_due = True
 
-    def clear(self) -> None:
-        """Forget the errors."""
-        self.errors, self.is_due = [], True
+    def clear(self, *, keep_fatal: bool = False) -> None:
+        """Forget the errors, or only the warnings."""
+        self.errors = [error for error in self.errors if keep_fatal and error.error_level == "FATAL"]
+        self.is_due = True
 
     def await_actions(self, actions: list[AgvAction]) -> None:
         """Add actions that are not begun."""

@@ -13,6 +13,7 @@ from .messages import Connection, Headers, InstantActions, Order, Part, decode, 
 from .settings import BridgeSettings
 
 _DEPTH: Final = 16
+_FIRST_S: Final = 2.0
 
 
 class VehicleTopics:
@@ -32,6 +33,10 @@ class VehicleTopics:
         self._orders = self._connection.subscribe(f"{self._prefix}/order", depth=_DEPTH)
         self._instant = self._connection.subscribe(f"{self._prefix}/instantActions", depth=_DEPTH)
         self._connection.open()
+
+    def await_broker(self) -> None:
+        """Wait for the broker's first answer, for a short time. Thread: blocks the caller."""
+        self._connection.wait_until(lambda: self.why_not_ready() is None, _FIRST_S)
 
     def orders(self) -> Iterator[Order | DataError]:
         """Take the orders that have arrived; of one that is none, the reason."""
@@ -72,6 +77,8 @@ class VehicleTopics:
                 received = inbox.take()
                 if received is None:
                     return
+                if received.is_retained:
+                    raise DataError(f"{inbox.topic}: a retained message may be old, and is ignored")
                 yield decode(kind, received.payload)
             except DataError as error:
                 yield error
