@@ -114,24 +114,34 @@ class Base(VelocityBase):
         return 1
 
     def _fly_to(self, x_m: float, y_m: float, yaw_rad: float | None) -> Activity:
-        """Send a place again and again until the vehicle stands there."""
-        begin = self._link.reading()
+        """Send a place again and again until the vehicle stands there.
+
+        A rover ignores the yaw of a place: it is turned at the end.
+        """
+        begin, is_rover = self._link.reading(), self._settings.vehicle == "rover"
+        sent_rad, is_asked = None if is_rover else yaw_rad, False
         whole_m = math.dist((begin.x_m, begin.y_m), (x_m, y_m))
         nearest_m, nearer_s = math.inf, self._clock.now()
         try:
             while True:
                 now = self._link.reading()
                 left_m = math.dist((now.x_m, now.y_m), (x_m, y_m))
-                is_turned = yaw_rad is None or abs(wrapped_rad(now.yaw_rad - yaw_rad)) < _NEAR_RAD
+                is_turned = sent_rad is None or abs(wrapped_rad(now.yaw_rad - sent_rad)) < _NEAR_RAD
                 if left_m < _NEAR_M and is_turned and now.is_still:
-                    return 1
+                    break
                 if left_m < nearest_m - 0.01 or left_m < _NEAR_M:
                     nearest_m, nearer_s = min(left_m, nearest_m), self._clock.now()
                 elif self._clock.now() - nearer_s > _STUCK_S:
                     raise ResourceFaultError(f"halted: it comes no nearer than {nearest_m:.2f} m in {_STUCK_S:g} s")
                 check_guided(self._link)
-                self._link.send_position(x_m, y_m, begin.altitude_m, yaw_rad)
+                self._link.send_position(x_m, y_m, begin.altitude_m, sent_rad)
+                if not is_asked:  # ArduPilot takes a speed for a place that it has
+                    is_asked = True
+                    self._link.request_speed(self.speed_m_s)
                 self.progress(None if whole_m < _NEAR_M else 1.0 - left_m / whole_m)
                 yield _PERIOD_S
         finally:
             self.halt()
+        if is_rover and yaw_rad is not None and abs(turn_rad := wrapped_rad(yaw_rad - now.yaw_rad)) > _NEAR_RAD:
+            yield from super().turn(turn_rad, math.radians(self.turn_rate_deg_s))
+        return 1

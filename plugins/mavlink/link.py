@@ -44,12 +44,19 @@ _MOST_READS: Final = 50
 _MOST_ROUNDS: Final = 10
 """Times as many are read before the vehicle is called silent."""
 _PAUSE_S: Final = 0.2
-_RATE_US: Final = 50_000
+_PERIODS_US: Final = {
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 50_000,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE: 50_000,
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1_000_000,
+}
 _TRIES: Final = 3
 _TRY_S: Final = 1.0
+_PROGRESS_S: Final = 5.0
+"""Wait for the result of a command that is under way: sent again, it would begin again."""
 _POLL_S: Final = 0.02
 _ACCEPTED: Final = 0
 _IN_PROGRESS: Final = 5
+_UNCHANGED: Final = -1.0
 _NOISE: Final = OdometryNoise(scale_share=1e-4, drift_rad_m=1e-4, turn_share=1e-4)
 """The autopilot estimates its own pose."""
 
@@ -128,7 +135,8 @@ class MavLink:
                 if now_s >= next_s:  # first: broken bytes must not keep it back
                     next_s = now_s + _HEARTBEAT_S
                     self._send(self._codec.heartbeat_encode(protocol.GROUND_STATION, 8, 0, 0, 4))
-                    self._ask_for_rates()
+                    if is_heard:
+                        self._ask_for_rates()
                 is_full = self._read()
                 if not is_heard and "HEARTBEAT" in self._newest:  # before it, a datagram has no address to go to
                     is_heard, next_s = True, 0.0
@@ -162,10 +170,13 @@ class MavLink:
         self.send_velocity(0.0, 0.0)
 
     def _ask_for_rates(self) -> None:
-        if not self._is_asked and "HEARTBEAT" in self._newest:
-            self._is_asked = True
-            for number in (mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, mavlink.MAVLINK_MSG_ID_ATTITUDE):
-                self._send_command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, _RATE_US)
+        """Ask for the sensors' messages; again after a silence: the vehicle may have restarted, or not heard it."""
+        is_silent = self._silence() is not None
+        if self._is_asked and not is_silent:
+            return
+        self._is_asked = not is_silent
+        for number, period_us in _PERIODS_US.items():
+            self._send_command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, period_us)
 
     def _take(self, message: Any) -> None:
         kind = message.get_type()
@@ -177,7 +188,8 @@ class MavLink:
             return
         now_s = self._clock.now()
         if kind == "COMMAND_ACK":
-            self._acknowledged[message.command] = message.result
+            if message.target_system in (0, self._settings.own_system_id):  # 0: it does not say whom it answers
+                self._acknowledged[message.command] = message.result
         elif kind == "STATUSTEXT":
             if (more := self._said.admit()) is not None:
                 self._log.info("the autopilot says", text=message.text, **more)
@@ -305,9 +317,18 @@ class MavLink:
         )
         self._send(message)
 
-    def _send_command(self, number: int, *parameters: float) -> None:
+    def request_speed(self, speed_m_s: float) -> None:
+        """Ask for a speed on the way to the present place; not every autopilot follows.
+
+        Raises:
+            UnavailableError: the link is down.
+        """
+        self._send_command(mavlink.MAV_CMD_DO_CHANGE_SPEED, mavlink.SPEED_TYPE_GROUNDSPEED, speed_m_s, _UNCHANGED)
+
+    def _send_command(self, number: int, *parameters: float, tries: int = 0) -> None:
         filled = [*map(float, parameters), *[0.0] * (7 - len(parameters))]
-        self._send(self._codec.command_long_encode(self._settings.system_id, protocol.AUTOPILOT, number, 0, *filled))
+        system, component = self._settings.system_id, protocol.AUTOPILOT
+        self._send(self._codec.command_long_encode(system, component, number, tries, *filled))
 
     def command(self, what: str, number: int, *parameters: float) -> Activity:
         """Send a command until it is acknowledged.
@@ -316,15 +337,17 @@ class MavLink:
             ResourceFaultError: the autopilot refuses it.
             UnavailableError: it does not answer.
         """
-        for _ in range(_TRIES):
+        for tries in range(_TRIES):
             self._acknowledged.pop(number, None)
-            self._send_command(number, *parameters)
+            self._send_command(number, *parameters, tries=tries)
             end_s = self._clock.now() + _TRY_S
             while self._clock.now() < end_s:
-                result = self._acknowledged.get(number)
+                result = self._acknowledged.pop(number, None)
                 if result == _ACCEPTED:
                     return
-                if result is not None and result != _IN_PROGRESS:
+                if result == _IN_PROGRESS:
+                    end_s = self._clock.now() + _PROGRESS_S
+                elif result is not None:
                     name = mavlink.enums["MAV_RESULT"][result].name if result in mavlink.enums["MAV_RESULT"] else result
                     raise ResourceFaultError(f"the autopilot refuses to {what}: {name}")
                 yield _POLL_S

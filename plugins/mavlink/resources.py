@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from typing_extensions import override
 
 from eal_actors.plugin import (
@@ -16,6 +18,8 @@ from eal_actors.plugin import (
 )
 
 from .link import MavLink
+
+_NOT_MEASURED: Final = 0xFFFF
 
 
 class MavSensor(Resource):
@@ -71,5 +75,12 @@ class Battery(MavSensor):
 
     @request("voltage", ValueInfo(DataType.DOUBLE, "V"))
     def voltage(self) -> float:
-        """Return the terminal voltage."""
-        return float(self._link.newest("SYS_STATUS").voltage_battery) / 1000.0
+        """Return the terminal voltage.
+
+        Raises:
+            UnavailableError: the autopilot does not measure it.
+        """
+        voltage_mv = self._link.newest("SYS_STATUS").voltage_battery
+        if voltage_mv == _NOT_MEASURED:
+            raise UnavailableError("the autopilot does not measure its battery's voltage")
+        return float(voltage_mv) / 1000.0

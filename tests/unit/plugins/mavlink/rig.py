@@ -1,7 +1,8 @@
 """The other end: a vehicle made with pymavlink's own server side, which behaves as ArduPilot documents.
 
 It takes set-points in GUIDED when armed, stops when velocities cease for a second, holds when the ground station's
-heartbeat ceases for five, and answers commands. Its motion is exact: the true path is its own.
+heartbeat ceases for five, and answers commands. A rover ignores the yaw of a position, and takes a speed only on its
+way to one. Its motion is exact: the true path is its own.
 
 `Px4Vehicle` has PX4's modes and rules.
 
@@ -67,6 +68,9 @@ class Vehicle:
         kind: rover or copter.
         pose: x east, y north in m, yaw counter-clockwise from east.
         speed_m_s: at which it goes to positions.
+
+    Attributes:
+        streams: the numbers of the messages that it sends unasked; None for all.
     """
 
     autopilot = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
@@ -89,6 +93,8 @@ class Vehicle:
         self.goal: tuple[float, float, float, float | None] | None = None
         self.set_points = 0
         self.refuses: set[int] = set()
+        self.streams: set[int] | None = None
+        self.voltage_mv = 12100
         self.is_mute = False
         self._set_point_s = self._station_s = -math.inf
         self._vertical_m: float | None = None
@@ -120,7 +126,8 @@ class Vehicle:
             if now_s >= beat_s:
                 beat_s = now_s + 0.5
                 self.heartbeat()
-                self.wire.mav.sys_status_send(0, 0, 0, 0, 12100, -1, 75, 0, 0, 0, 0, 0, 0)
+                if self._sends(mavlink.MAVLINK_MSG_ID_SYS_STATUS):
+                    self.wire.mav.sys_status_send(0, 0, 0, 0, self.voltage_mv, -1, 75, 0, 0, 0, 0, 0, 0)
             self.report(int(now_s * 1000) & 0xFFFFFFFF)
 
     def heartbeat(self) -> None:
@@ -131,9 +138,14 @@ class Vehicle:
         x, y, yaw = self.pose
         speed, rate = self.twist
         heading = math.pi / 2 - yaw
-        self.wire.mav.attitude_send(time_ms, 0, 0, math.remainder(heading, math.tau), 0, 0, -rate)
+        if self._sends(mavlink.MAVLINK_MSG_ID_ATTITUDE):
+            self.wire.mav.attitude_send(time_ms, 0, 0, math.remainder(heading, math.tau), 0, 0, -rate)
         north, east = speed * math.cos(heading), speed * math.sin(heading)
-        self.wire.mav.local_position_ned_send(time_ms, y, x, -self.altitude_m, north, east, 0)
+        if self._sends(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED):
+            self.wire.mav.local_position_ned_send(time_ms, y, x, -self.altitude_m, north, east, 0)
+
+    def _sends(self, number: int) -> bool:
+        return self.streams is None or number in self.streams
 
     def _take(self, message: Any, now_s: float) -> None:
         kind = message.get_type()
@@ -148,7 +160,8 @@ class Vehicle:
                 self.twist, self.goal = (message.vx, -message.yaw_rate), None
             else:
                 assert message.coordinate_frame == mavlink.MAV_FRAME_LOCAL_NED
-                yaw = None if message.type_mask & 1024 else math.pi / 2 - message.yaw
+                has_yaw = self.type == mavlink.MAV_TYPE_QUADROTOR and not message.type_mask & 1024
+                yaw = math.pi / 2 - message.yaw if has_yaw else None
                 self.goal = message.y, message.x, -message.z, yaw
 
     def _command(self, message: Any, system: int, component: int) -> None:
@@ -163,7 +176,12 @@ class Vehicle:
             self._vertical_m = self.takeoff_m(message.param7)
         elif number == mavlink.MAV_CMD_NAV_LAND:
             self._vertical_m = 0.0
-        elif number != mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
+        elif number == mavlink.MAV_CMD_DO_CHANGE_SPEED and self.goal is not None:
+            self.speed_m_s = message.param2
+        elif number == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
+            if self.streams is not None:
+                self.streams.add(int(message.param1))
+        else:
             result = mavlink.MAV_RESULT_UNSUPPORTED
         self.wire.mav.command_ack_send(number, result, 0, 0, system, component)
 
