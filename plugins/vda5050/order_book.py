@@ -46,10 +46,9 @@ class OrderBook:
         return (order.order_id, order.order_update_id) == (self.order_id, self.update_id)
 
     def receive(self, order: Order, place: tuple[float, float] | None, *, is_over: bool) -> AgvError | None:
-        """Take an order or an update that it does not have; returns why it is refused. A place of None is not known.
+        """Take an order or an update that it does not have; returns why it is refused.
 
-        Args:
-            is_over: whether nothing is left of the present order.
+        A place of None is not known. If nothing is left of the present order, it `is_over`.
         """
         if (problem := self._problem(order)) is not None:
             return _refusal(order, "validationError", problem)

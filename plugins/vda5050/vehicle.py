@@ -7,6 +7,7 @@ Thread: one at a time.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping
 from typing import Final
@@ -34,12 +35,14 @@ class FleetVehicle:
     def __init__(self, robot: RobotHandle, settings: BridgeSettings, clock: Clock) -> None:
         self._robot = robot
         self._settings = settings
+        self._clock = clock
         self._log = get_logger(robot=robot.name)
         self._topics = VehicleTopics(robot.name, settings, clock)
         self._report = VehicleReport(robot.name)
         self._book = OrderBook(settings.map_id, ACTIONS)
         self._driver = OrderDriver(robot, self._book, self._report)
         self._pose: tuple[float, float, float] | None = None
+        self._placed_s = -math.inf
         self._charge = _UNKNOWN_CHARGE
         self._is_paused = False
         self._placing: tuple[AgvAction, tuple[float, float, float], Future[int]] | None = None
@@ -49,8 +52,9 @@ class FleetVehicle:
     def take_value(self, name: str, data: EALData) -> None:
         """Keep a sampled value. Thread: the sampler's."""
         if name == "Pose":
-            x_m, y_m, yaw_rad = map(float, data.value)
-            self._pose = x_m, y_m, yaw_rad
+            if data.stamp_s is None or data.stamp_s >= self._placed_s:  # not of the place before initPosition
+                x_m, y_m, yaw_rad = map(float, data.value)
+                self._pose = x_m, y_m, yaw_rad
         else:
             self._charge = 100.0 * float(data.value)
 
@@ -170,7 +174,7 @@ class FleetVehicle:
             (action, pose, answer), self._placing = self._placing, None
             error = answer.exception()
             if error is None:
-                self._pose = pose  # not sampled yet, and the next order begins there
+                self._pose, self._placed_s = pose, self._clock.now()  # not sampled yet; the next order begins there
                 self._book.place_at(str(action.parameters().get("lastNodeId", "")))
             self._end_action(action, None if error is None else str(error))
 
