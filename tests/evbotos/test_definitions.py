@@ -202,7 +202,7 @@ def test_an_image_leaves_a_kernel_of_debian_as_it_is(folder: Path) -> None:
 def test_what_builds_on_the_robot_image_contains_this_project() -> None:
     images = load_definitions().images.values()
     with_project = {image.name for image in images if image.project}
-    assert with_project == {"dev", "octave-robot", "robot", "vision", "wireless"}
+    assert with_project == {"dev", "libcamera", "octave-robot", "robot", "vision", "wireless"}
     assert {image.name for image in images if "robot" in image.services} == with_project
 
 
@@ -220,5 +220,6 @@ def test_the_shipped_definitions_name_every_platform_and_image() -> None:
     found = load_definitions()
     boards = {"beagle-armhf", "pc104-i686", "raspberry-pi", "raspberry-pi-5"}
     assert set(found.platforms) == {*boards, "qemu-amd64", "qemu-arm64"}
-    assert set(found.images) == {"dev", "minimal", "octave", "octave-robot", "robot", "vision", "wireless"}
+    images = {"dev", "libcamera", "minimal", "octave", "octave-robot", "robot", "vision", "wireless"}
+    assert set(found.images) == images
     assert set(found.image("minimal").packages) < set(found.image("octave").packages)

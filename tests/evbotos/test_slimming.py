@@ -135,7 +135,7 @@ def imported(source: Path) -> set[str]:
     return {name for name in names if name.partition(".")[0] in sys.stdlib_module_names}
 
 
-@pytest.mark.parametrize("name", ["robot", "wireless", "vision", "octave-robot", "dev"])
+@pytest.mark.parametrize("name", ["robot", "wireless", "vision", "libcamera", "octave-robot", "dev"])
 def test_what_robots_import_of_python_stays(name: str) -> None:
     image = load_definitions().image(name)
     programs = [path for _, path in project_files() if path.suffix == ".py"]

@@ -10,6 +10,7 @@ inherit packagegroup
 
 PACKAGES = "\
     ${PN}-dev-image \
+    ${PN}-libcamera-image \
     ${PN}-minimal-image \
     ${PN}-octave-image \
     ${PN}-octave-robot-image \
@@ -54,6 +55,51 @@ RDEPENDS:${PN}-dev-image = "\
     python3-modules \
     python3-msgpack \
     python3-numpy \
+    python3-pydantic \
+    python3-pykka \
+    python3-pymunk \
+    python3-pyserial \
+    python3-pyyaml \
+    python3-rich \
+    python3-simpleeval \
+    python3-structlog \
+    python3-typer \
+"
+
+RDEPENDS:${PN}-libcamera-image = "\
+    busybox \
+    busybox-mdev \
+    busybox-syslog \
+    dropbear \
+    evbotos-rootfs \
+    evbotos-rootfs-hotplug \
+    evbotos-rootfs-log \
+    evbotos-rootfs-network \
+    evbotos-rootfs-robot \
+    evbotos-rootfs-ssh \
+    evbotos-rootfs-time \
+    evbotos-rootfs-update \
+    evbotos-rootfs-watchdog \
+    glibc \
+    gstreamer1.0 \
+    gstreamer1.0-plugins-base-videoconvertscale \
+    gstreamer1.0-plugins-good-jpeg \
+    libcamera \
+    libcamera-gst \
+    libstdc++ \
+    mdnsd \
+    nftables \
+    openntpd \
+    openssh-sftp-server \
+    python3-cffi \
+    python3-core \
+    python3-eal-actors \
+    python3-eal-actors-plugins \
+    python3-eclipse-zenoh \
+    python3-modules \
+    python3-msgpack \
+    python3-numpy \
+    python3-opencv \
     python3-pydantic \
     python3-pykka \
     python3-pymunk \
