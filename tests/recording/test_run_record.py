@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import errno
 import json
 import math
 import resource
@@ -18,12 +19,21 @@ from typer.testing import CliRunner
 from eal_actors.actors.combine import gather
 from eal_actors.cli.app import app
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel import posix
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.clock import wall_time
 from eal_actors.kernel.errors import ConfigError, ScenarioError
 from eal_actors.kernel.lock_step import MAX
 from eal_actors.managers.config import EALConfigManager
-from eal_actors.recording import RunFolder, RunRecorder, messages, new_run_folder, repair_record, schemas
+from eal_actors.recording import (
+    RunFolder,
+    RunRecorder,
+    messages,
+    new_run_folder,
+    repair_interrupted,
+    repair_record,
+    schemas,
+)
 from eal_actors.recording.mcap_file import RECORD_FILE, McapFile, read_mcap
 from eal_actors.recording.recorded_run import INFOS, RecordedRun
 from eal_actors.recording.repair import PART_FILE, merge_record
@@ -190,6 +200,23 @@ def test_the_next_run_repairs_the_records_of_killed_runs_and_of_no_others(run: P
     assert RunFolder.open(runs / "killed").record.is_complete
     with (runs / "killed" / "run.mcap").open("rb") as stream:
         assert list(make_reader(stream).iter_messages())
+
+
+def test_where_there_are_no_locks_a_record_is_repaired_only_if_that_is_asked_for(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nobody can tell whether another process writes it."""
+
+    def refuse(_stream: object) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    killed = shutil.copytree(run, tmp_path / "runs" / "killed")
+    (killed / "run.mcap").write_bytes((run / "run.mcap").read_bytes()[:-2000])
+    (killed / "summary.json").unlink()
+    monkeypatch.setattr(posix, "lock", refuse)
+    assert repair_interrupted(tmp_path / "runs") == []
+    repair_record(killed)
+    assert RunFolder.open(killed).record.is_complete
 
 
 def test_a_merge_that_a_crash_cut_short_adds_nothing_twice(run: Path, tmp_path: Path) -> None:

@@ -103,34 +103,40 @@ class Journal:
                 get_logger().error("the file of events is incomplete", reason=str(error))
 
 
-def _lock(stream: IO[str], directory: Path) -> None:
-    """Hold the record until the stream is closed or its process dies; raise ScenarioError if another one does."""
+def _lock(stream: IO[str], directory: Path) -> bool:
+    """Hold the record until the stream is closed or its process dies; raise ScenarioError if another one does.
+
+    Return whether it is held.
+    """
     try:
         posix.lock(stream)
     except BlockingIOError:
         raise ScenarioError(f"the run in {directory} is under way: another process writes its record") from None
     except OSError:  # a file system without locks
         get_logger().debug("the record cannot be locked", directory=str(directory))
+        return False
+    return True
 
 
 @contextmanager
-def hold_record(directory: Path) -> Iterator[None]:
+def hold_record(directory: Path) -> Iterator[bool]:
     """Hold the record of a run that has ended or was interrupted, as its journal does while it is under way.
+
+    Yields whether it is held: a file system may have no locks.
 
     Raises:
         ScenarioError: the run is under way.
         OSError: the record cannot be opened.
     """
     with (directory / EVENTS).open("r+", encoding="utf-8") as stream:
-        _lock(stream, directory)
-        yield
+        yield _lock(stream, directory)
 
 
 def is_under_way(directory: Path) -> bool:
-    """Return whether a process writes the record of a run; raise OSError if the record cannot be opened."""
+    """Return whether a process may write the record of a run; raise OSError if the record cannot be opened."""
     try:
-        with hold_record(directory):
-            return False
+        with hold_record(directory) as is_held:
+            return not is_held
     except ScenarioError:
         return True
 
