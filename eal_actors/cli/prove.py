@@ -134,6 +134,8 @@ def _print_proof(console: Console, proof: Proof, page: Path | None) -> None:
     console.print(_table(proof))
     for name, why in proof.unprovable.items():
         print_line(console, f"{name}: no faults tried: {why}", "yellow")
+    for one, other in proof.touching:
+        print_line(console, f"{one} and {other} touch without faults: their contacts are not judged", "yellow")
     for number, finding in enumerate(proof.findings, 1):
         print_line(console, _finding_line(number, finding))
         if finding.fleet_file is not None and finding.least is not None:
@@ -165,6 +167,7 @@ def _proof_as_json(proof: Proof, page: Path | None) -> dict[str, Any]:
         "single_faults": proof.planned,
         "page": None if page is None else str(page),
         "not_tried": dict(proof.unprovable),
+        "touching": [list(pair) for pair in proof.touching],
         "runs": [
             {
                 "faults": [asdict(fault) for fault in case.case],

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from tests.proof.planted import PLANTED
+from tests.scenario_texts import scenario_of
 
 pytest_plugins = ["pytester"]
 
@@ -30,6 +31,21 @@ def test_a_folder_that_is_no_proof_is_left_alone(eal: Any, tmp_path: Path) -> No
     assert result.exit_code != 0
     assert "is not the folder of a proof" in " ".join(result.output.split())
     assert scenario.is_file()
+
+
+def test_robots_that_touch_without_faults_are_named(eal: Any, write: Any, tmp_path: Path) -> None:
+    """Their contacts under faults are no findings, so no proof of theirs is claimed."""
+    mover = "plugins: {{sim: {{model: evbot2, start: {{x_m: {x_m}, y_m: 0, yaw_deg: {yaw_deg}}}}}}}"
+    robots = {"ann": mover.format(x_m=-0.8, yaw_deg=0), "bob": mover.format(x_m=0.8, yaw_deg=180)}
+    lines = "".join(f"  {name}: {{{text}}}\n" for name, text in robots.items())
+    fleet = write("two.yaml", f"version: 1\nworld: empty\nrobots:\n{lines}")
+    policy = "\ntimeout_s: 30\non_failure: skip\nsteps:"
+    scenario = write("crash.yaml", scenario_of("send_cmd: {resource: Base, cmd: f1.5}").replace("\nsteps:", policy))
+    options = ("--fault", "lost", "--runs", 1, "--jobs", 1, "--out", tmp_path / "out")
+    result = eal("prove", scenario, "--fleet", fleet, *options)
+    assert result.exit_code == 0, result.output
+    assert "ann and bob touch without faults: their contacts are not judged" in result.stdout
+    assert "ann and bob touch without faults" in (tmp_path / "out" / "proof.html").read_text()
 
 
 @pytest.mark.slow

@@ -19,7 +19,7 @@ INVARIANTS: Final = {
     "barriers": "no healthy robot fails because it waits for another",
     "halted": "every robot that can be reached stands still after the end",
     "minimum": "no run is done with fewer robots than the role's min",
-    "contact": "no two robots touch",
+    "contact": "no two robots touch that do not touch without faults",
     "finally": "every robot performs the steps of finally",
     "deadline": "every step, and the run, keeps its deadline",
     "outcome": "no run is done that was not",

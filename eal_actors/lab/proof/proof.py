@@ -130,6 +130,7 @@ class Proof:
     Attributes:
         positions: the steps of the run without faults.
         unprovable: robots whose faults nobody can inject, and why.
+        touching: robots that touch each other without faults, whose contacts are not judged.
         healthy: the report of the run without faults.
     """
 
@@ -140,6 +141,7 @@ class Proof:
     cases: tuple[ProvenCase, ...]
     findings: tuple[Finding, ...]
     unprovable: Mapping[str, str]
+    touching: tuple[tuple[str, str], ...]
     healthy: Report
     out: Path
     kinds: tuple[str, ...] = field(default=())
@@ -193,6 +195,7 @@ def prove(request: ProofRequest, on_case: OnCase = lambda _case, _count: None) -
         cases=tuple(cases),
         findings=tuple(runner.shrink_all(group_findings(cases))),
         unprovable=_unprovable(bound, injectable, twins.left_out),
+        touching=tuple(healthy.touches or ()),
         healthy=_require_done(healthy),
         out=request.out,
         kinds=tuple(dict.fromkeys(fault.kind for case in singles for fault in case)),
