@@ -15,6 +15,8 @@ from tests.evbotos.usb_camera import UsbCamera
 KEPT_MOST = 200_000 + 1_200
 """Bytes that are kept of a log: two files that end with the line that makes them larger than the half of it."""
 
+SLEEPS = "/usr/bin/sleep 100000"
+
 pytestmark = [pytest.mark.evbotos, pytest.mark.timeout(3600)]
 
 
@@ -44,6 +46,17 @@ def test_a_robot_that_ends_is_started_anew(proof: Proof, running: Machine) -> No
     before = wait_for_robot(proof, running)
     answer(proof, running, f"kill -9 {before}")
     wait_for_robot(proof, running, before)
+
+
+def test_what_a_robot_has_started_ends_with_it(proof: Proof, running: Machine) -> None:
+    """It counted against the threads of the next robot, or held up its start, since it had the log open."""
+    before = wait_for_robot(proof, running)
+    start = "start-stop-daemon -S -q -c robot:robot -x /usr/bin/sleep -- 100000"
+    answer(proof, running, f"{start} </dev/null >/proc/{before}/fd/1 2>&1 &")
+    wait_until(running, "it runs", lambda: SLEEPS in answer(proof, running, "ps"))
+    answer(proof, running, f"kill -9 {before}")
+    wait_for_robot(proof, running, before)
+    assert SLEEPS not in answer(proof, running, "ps")
 
 
 def test_a_system_that_hangs_is_started_anew_by_the_hardwares_watchdog(proof: Proof, running: Machine) -> None:
