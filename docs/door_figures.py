@@ -316,7 +316,7 @@ def draw_notebook(folder: Path) -> None:
     (folder / "page.html").write_text(page_text)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=program, args=list(FLAGS))
-        page = browser.new_page(viewport={"width": 1020, "height": 710})
+        page = browser.new_page(viewport={"width": 1020, "height": 740})
         page.goto((folder / "page.html").as_uri())
         page.screenshot(path=IMAGES / "notebook.png")
         browser.close()

@@ -17,6 +17,7 @@ import traitlets
 
 from eal_actors.actors.combine import gather
 from eal_actors.actors.handles import RobotHandle
+from eal_actors.actors.robot_view import RobotState
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.errors import EALError, WaitTimeoutError
@@ -40,6 +41,7 @@ class FleetMap(anywidget.AnyWidget):
     poses = traitlets.Dict().tag(sync=True)
     """x and y in metres and yaw in radians, by robot."""
     states = traitlets.Dict().tag(sync=True)
+    """A word for each robot; empty when the fleet is closed."""
 
     def __init__(self, fleet: Fleet) -> None:
         super().__init__(world=world_map(fleet.config.world))
@@ -62,7 +64,7 @@ class FleetMap(anywidget.AnyWidget):
         done = gather(answers.values(), return_exceptions=True)
         with contextlib.suppress(WaitTimeoutError):
             done.get(timeout=self._fleet.clock.of_real(_ANSWER_S))
-        self.states = {name: robot.state.value for name, robot in self._fleet.items()}
+        self.states = {name: _state_of(robot) for name, robot in self._fleet.items()}
         self.poses = {
             name: [float(number) for number in answer.get().value]
             for name, answer in answers.items()
@@ -82,6 +84,15 @@ class FleetMap(anywidget.AnyWidget):
             REAL_TIME.wait(self._waiter, _PERIOD_S)
             if not self._is_over:
                 self.update()
+        self.states = self.poses = {}
+
+
+def _state_of(robot: RobotHandle) -> str:
+    if robot.stopped_because is not None and not robot.is_stop_confirmed:
+        return "stop NOT CONFIRMED"
+    if robot.stopped_because is not None and robot.state is RobotState.READY:
+        return "emergency stop"
+    return robot.state.value
 
 
 def _ask(robot: RobotHandle) -> Any:

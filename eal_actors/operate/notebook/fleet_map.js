@@ -1,7 +1,9 @@
 // The map of FleetMap. Names of robots are drawn as text.
 
 const MARGIN_PX = 20;
-const COLOURS = { ready: "#1f6fb4", failed: "#c2170c" };
+const STOPPED = "emergency stop"; // confirmed
+const COLOURS = { ready: "#1f6fb4", failed: "#c2170c", [STOPPED]: "#c2170c", "stop NOT CONFIRMED": "#c2170c" };
+const SENT = "STOP sent, NOT CONFIRMED: the kernel has not answered yet. It obeys at the end of the cell that runs.";
 
 /** Fit the world, or the robots where there is none, into the canvas; return a function from metres to pixels. */
 function projection(canvas, world, poses) {
@@ -44,6 +46,15 @@ function drawRobot(context, view, name, [x_m, y_m, yaw_rad], state) {
   context.fillText(name, x + size + 3, y - size);
 }
 
+/** Return how many robots are in each state, with the names of those that are not ready. */
+function textOf(states) {
+  const robots = Object.groupBy(Object.keys(states), (name) => states[name]);
+  const parts = Object.entries(robots).map(([state, names]) =>
+    state === "ready" ? `${names.length} ready` : `${names.length} ${state} (${names.join(", ")})`,
+  );
+  return parts.join("; ") || "The fleet is closed: nothing is shown, and STOP stops nothing.";
+}
+
 function render({ model, el }) {
   const canvas = document.createElement("canvas");
   canvas.width = 560;
@@ -53,7 +64,16 @@ function render({ model, el }) {
   const stop = document.createElement("button");
   stop.textContent = "STOP all robots";
   stop.style.cssText = "display:block;background:#c2170c;color:white;font-weight:bold;padding:6px 14px;border:0";
-  stop.onclick = () => model.send("stop");
+  const line = document.createElement("p");
+  line.setAttribute("role", "status");
+  stop.onclick = () => {
+    model.send("stop");
+    if (Object.values(model.get("states")).some((state) => state !== STOPPED)) line.textContent = SENT;
+  };
+  const showStates = () => {
+    line.textContent = textOf(model.get("states"));
+    draw();
+  };
   const draw = () => {
     const [world, poses, states] = [model.get("world"), model.get("poses"), model.get("states")];
     const context = canvas.getContext("2d");
@@ -68,8 +88,9 @@ function render({ model, el }) {
     for (const [name, pose] of Object.entries(poses)) drawRobot(context, view, name, pose, states[name]);
   };
   model.on("change:poses", draw);
-  draw();
-  el.append(canvas, stop);
+  model.on("change:states", showStates);
+  showStates();
+  el.append(canvas, stop, line);
 }
 
 export default { render };
