@@ -70,6 +70,23 @@ def test_a_paused_run_begins_nothing_and_its_timeouts_stand_still(two: Fleet, tm
     assert kinds == [RunPaused, RunResumed]
 
 
+def test_a_wait_of_a_paused_run_takes_neither_time_nor_memory(tmp_path: Path) -> None:
+    text = "steps:\n- {wait_for: x, timeout_s: 0.01, default: 1}\n- if: 1 == 2\n  then: [{signal: x}]\n"
+    with rigs(tmp_path, clock=LockStepClock(), a={}) as fleet:
+        paused = Run(
+            make_plan(scenario(tmp_path, text), fleet), fleet, None, [Watch("wait_for x", lambda: paused.pause())]
+        )
+        future = paused.start()
+        fleet.clock.sleep(1000)
+        ((waiting, _),) = paused._run.signals._waiting[paused._run.main, "x"].items()
+        assert len(waiting._callbacks or ()) < 5
+        paused.resume()
+        report = future.get()
+
+    assert report.outcome == "done"
+    assert report.duration_s - report.paused_s == pytest.approx(0.01, abs=1e-6)
+
+
 def test_single_steps(tmp_path: Path) -> None:
     with rigs(tmp_path, a={}, b={}) as fleet:
         plan = make_plan(scenario(tmp_path, ON + NOW * 3), fleet)

@@ -28,7 +28,6 @@ from eal_actors.scenario.report.summary import ErrorReport, StartReport, StepRec
 T = TypeVar("T")
 HALT_TIMEOUT_S: Final = 2.0
 """How long the engine waits for the confirmation of a halt: in real time, or in the fleet's if that is slower."""
-_MIN_POLL_S: Final = 0.05
 _PASSES_AT_ONCE: Final = 200
 _WORK_AT_ONCE: Final = 200_000
 """After so many passes of loops, or so much work of expressions, other tasks run, even if nothing had to wait."""
@@ -262,13 +261,13 @@ class RunContext:
                 return False
             either: Future[None] = Future(self.clock)
             future.add_done_callback(lambda _, done=either: done.set())  # type: ignore[misc]  # a default binds it now
-            poll_s = max(left_s, _MIN_POLL_S) if self.pauses.is_paused else left_s
-            timer = self.loop.call_at(self.clock.now() + poll_s, either.set)
-            try:
-                yield from self.wait(context, either)
-                either.get()
-            finally:
-                timer.cancel()
+            if self.pauses.is_paused:
+                self.pauses.change().add_done_callback(lambda _, done=either: done.set())  # type: ignore[misc]
+            else:
+                timer = self.loop.call_at(self.clock.now() + left_s, either.set)
+                either.add_done_callback(lambda _, timer=timer: timer.cancel())  # type: ignore[misc]
+            yield from self.wait(context, either)
+            either.get()
         return True
 
     def sleep(self, context: ExecutionContext, duration_s: float) -> Coroutine:
