@@ -52,7 +52,9 @@ def make_operator(
     with needs_extra("dashboard", "the dashboard needs"):
         from eal_actors.operate.dashboard.tokens import hash_token, new_token
     if not re.fullmatch(NAME_PATTERN, name):
-        raise typer.BadParameter("must be a letter, then letters, digits, '_', '.' or '-'", param_hint="NAME")
+        raise typer.BadParameter(
+            "must be a letter (A-Z, a-z), then letters, digits, '_', '.' or '-'", param_hint="NAME"
+        )
     token = new_token()
     advise("Add to the fleet file:")
     lines = ("dashboard:", "  operators:", f"    {name}: {{role: {role}, token: {hash_token(token)}}}")

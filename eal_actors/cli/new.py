@@ -181,7 +181,7 @@ def _ask_number(question: str, limits: tuple[int, int]) -> int:
 
 def _name_of(file: Path) -> str:
     if re.fullmatch(NAME_PATTERN, file.stem) is None:
-        why = "its name is the name inside: it must be a letter, then letters, digits, '_', '.' or '-'"
+        why = "its name is the name inside: it must be a letter (A-Z, a-z), then letters, digits, '_', '.' or '-'"
         raise file_error(file, why)
     return yaml.safe_dump(file.stem).splitlines()[0]  # with quotes for names such as `true`
 

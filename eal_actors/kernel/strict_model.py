@@ -38,7 +38,7 @@ NAME_PATTERN: Final = r"^[A-Za-z][A-Za-z0-9_.-]*$"
 NAME_TEMPLATE_PATTERN: Final = r"^[A-Za-z]([A-Za-z0-9_.-]|\{n\})*$"
 
 
-_NAME_WORDS: Final = "a name is a letter, then letters, digits, '_', '.' or '-'"
+_NAME_WORDS: Final = "a name is a letter (A-Z, a-z), then letters, digits, '_', '.' or '-'"
 _PATTERN_WORDS: Final = {NAME_PATTERN: _NAME_WORDS, NAME_TEMPLATE_PATTERN: f"{_NAME_WORDS}, with {{n}} for a number"}
 _MUST_BE: Final = re.compile(r"must be (?P<kind>.+?), not (?P<value>'.*?'|[^;]+)(?P<hint>;.*)?")
 _MAPPING_KINDS: Final = ("dict_type", "model_type", "model_attributes_type")

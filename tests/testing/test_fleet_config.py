@@ -102,8 +102,8 @@ def test_everything_wrong_is_told_at_once() -> None:
 
     assert wrong == [
         (
-            "simulation: robots.1st: '1st' is not a name: a name is a letter, then letters, digits, '_', '.' or '-', "
-            "with {n} for a number"
+            "simulation: robots.1st: '1st' is not a name: a name is a letter (A-Z, a-z), then letters, digits, "
+            "'_', '.' or '-', with {n} for a number"
         ),
         "simulation: robots.a.mailbox: must be over 0, not 0",
         "simulation: seed: must be at least 0, not -1",

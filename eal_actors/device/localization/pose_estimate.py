@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, Self, TypeAlias
 
+from typing_extensions import override
+
 from eal_actors.device.data import EALData
 from eal_actors.kernel.errors import ArgumentError
 
@@ -87,6 +89,14 @@ class PoseEstimate:
         rows = (rest[0], rest[1], rest[2]), (rest[3], rest[4], rest[5]), (rest[6], rest[7], rest[8])
         _check_covariance(rows)
         return cls(x_m, y_m, wrapped_rad(yaw_rad), rows, stamp_s)
+
+    @override
+    def __repr__(self) -> str:
+        """Return the pose for people: rounded, with standard deviations in place of the covariance."""
+        x_m, y_m, yaw_rad = (round(number, 4) + 0.0 for number in (self.x_m, self.y_m, self.yaw_rad))
+        spread = f"position_std_m={self.position_std_m:.2g}, yaw_std_rad={self.yaw_std_rad:.2g}"
+        when = f"stamp_s={self.stamp_s:.2f}, frame_id={self.frame_id!r}"
+        return f"PoseEstimate(x_m={x_m}, y_m={y_m}, yaw_rad={yaw_rad}, {spread}, {when})"
 
     def numbers(self) -> list[float]:
         """Return x, y, yaw and the covariance row by row."""

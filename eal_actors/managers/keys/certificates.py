@@ -138,7 +138,8 @@ def make_certificate(
     """
     _require_cryptography()
     if not re.fullmatch(NAME_PATTERN, name) or len(name) > _MAX_NAME or name.lower() == AUTHORITY:
-        rule = f"a letter, then letters, digits, '_', '.' or '-', at most {_MAX_NAME} in all, and not '{AUTHORITY}'"
+        words = "a letter (A-Z, a-z), then letters, digits, '_', '.' or '-'"
+        rule = f"{words}, at most {_MAX_NAME} in all, and not '{AUTHORITY}'"
         raise file_error(name, f"cannot be the name of a certificate, which is {rule}")
     return _issue(_load_authority(folder), folder, name, name, hosts, valid, force=force)
 

@@ -106,7 +106,7 @@ def lines(text: str) -> list[str]:
         ("table: {a: }", "2:11: table.a: must be a mapping; write {} for an empty one"),
         (
             "table: {1a: {}}",
-            "2:9: table.1a: '1a' is not a name: a name is a letter, then letters, digits, '_', '.' or '-'",
+            "2:9: table.1a: '1a' is not a name: a name is a letter (A-Z, a-z), then letters, digits, '_', '.' or '-'",
         ),
         ("pair: [1]", "2:7: pair[1]: is missing"),
         ("pair: [1, 2, 3]", "2:7: pair: has 3 items, but may have at most 2"),

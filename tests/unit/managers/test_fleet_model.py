@@ -170,7 +170,7 @@ robots:
         ]
 
 
-NOT_A_NAME = "is not a name: a name is a letter, then letters, digits, '_', '.' or '-'"
+NOT_A_NAME = "is not a name: a name is a letter (A-Z, a-z), then letters, digits, '_', '.' or '-'"
 A_FILE_S, IN_RECORDS = "a robot's name must not end in", ", as the files in a run's record do"
 NO_PLUGINS = "the robot has no plugins; give it one under 'plugins', or a type that has one"
 

@@ -246,3 +246,11 @@ def test_any_thread_may_use_a_localizer() -> None:
     assert not errors
     assert np.hypot(*robot.error(localizer.estimate(robot.now_s))[:2]) < 0.01
     assert math.isclose(robot.now_s, 400 * TICK_S)
+
+
+def test_a_pose_is_shown_with_its_numbers_rounded_and_its_uncertainty() -> None:
+    shown = repr(PoseEstimate(-1.50024960, -6.49e-6, 1.56874999, diagonal(0.0013, 0.0336), 39.96000001))
+    assert shown == (
+        "PoseEstimate(x_m=-1.5002, y_m=0.0, yaw_rad=1.5687, position_std_m=0.0013, yaw_std_rad=0.034, "
+        "stamp_s=39.96, frame_id='map')"
+    )
