@@ -185,7 +185,7 @@ class ClosedLoop:
             return self._controller.pause()
         if twist.speed_m_s:
             clear_m = self._device.clearance_m(twist.speed_m_s > 0)
-            if clear_m <= _MARGIN_M:
+            if clear_m <= _MARGIN_M + _NEARER_M:  # it creeps there
                 side = "ahead" if twist.speed_m_s > 0 else "behind"
                 self._obstacle = (
                     f"something is {max(clear_m, 0.0):.2f} m {side}" if clear_m else f"it touches something {side}"

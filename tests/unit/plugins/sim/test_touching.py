@@ -8,6 +8,7 @@ from contextlib import suppress
 import pytest
 
 from eal_actors.kernel.errors import BlockedError
+from eal_actors.plugin import EALData
 from plugins.sim.models import MAKES, MakeName
 from plugins.sim.motion import Move
 from plugins.sim.robot import SimRobot
@@ -53,6 +54,14 @@ def test_a_thin_wall_holds_robots_at_full_speed_at_the_lowest_rate(model: MakeNa
         clock.advance(10.0)
         world.catch_up()
     assert max(robot.pose[0] for robot in robots) < 0.002 - make.radius_m
+
+
+@pytest.mark.parametrize("model", ["evbot2", "evbot3", "roomba"])
+def test_a_goal_that_touches_a_wall_is_refused_with_what_is_there(model: str) -> None:
+    robot = Fleet().add("r1", (1.5, 0, 0), model=model)
+    robot.resource("Pose")
+    with pytest.raises(BlockedError, match=r"for 5 s it has not come nearer: something is 0\.05 m ahead"):
+        robot.fleet.run(robot.base.send_cmd("goto", EALData.of([3.0 - robot.plugin.robot.make.radius_m, 0.0])))
 
 
 def test_a_standing_robot_is_not_pushed() -> None:
