@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from typing import Final
 
 from typing_extensions import override
@@ -264,11 +265,12 @@ class RoombaBase(DifferentialBase):
         """End a twist at its timeout, a cliff or a drop; its caller may be gone."""
         if self._twist_until_s is None:
             return
-        if self._roomba.is_due(self._twist_until_s):
+        if not self._roomba.is_due(self._twist_until_s):
+            try:
+                self._check_motion(forward=self._twist_forward)
+            except (ResourceFaultError, UnavailableError) as error:
+                get_logger().warning("a twist is halted", reason=error.message)
+            else:
+                return
+        with suppress(UnavailableError):  # over a broken link the driver stops it again when the link is back
             self.halt()
-            return
-        try:
-            self._check_motion(forward=self._twist_forward)
-        except (ResourceFaultError, UnavailableError) as error:
-            self.halt()
-            get_logger().warning("a twist is halted", reason=error.message)

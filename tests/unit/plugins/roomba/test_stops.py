@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from eal_actors.plugin import EALData
 from plugins.roomba.bodies import FreeRoombaBody
 from plugins.roomba.emulated_roomba import EmulatedRoomba
 from plugins.roomba.oi_driver import OiDriver
@@ -13,7 +14,8 @@ from plugins.roomba.oi_emulator import OiEmulator
 from plugins.roomba.sci import STRAIGHT, WHEELBASE_M, Op, ask_sensors
 from plugins.roomba.sci_driver import SciDriver
 from plugins.roomba.sci_emulator import SciEmulator
-from tests.unit.plugins.roomba.rig import Rig, without_polls
+from tests.unit.plugins.roomba.oi_rig import OiRig
+from tests.unit.plugins.roomba.rig import MoteRig, Rig, without_polls
 
 STOP = SciDriver.stop_data
 
@@ -76,3 +78,23 @@ def test_a_robot_that_a_damaged_byte_sets_going_is_stopped(speed_mm_s: int, most
     rig.wait(4.0)
     assert rig.body.left.target_m_s == 0.0
     assert rig.body.travel_m()[0] - before_m < most_m
+
+
+@pytest.mark.parametrize("make", [Rig, OiRig, MoteRig])
+@pytest.mark.parametrize("drops", [False, True])
+def test_a_twist_without_a_caller_ends_where_the_port_is_lost_and_the_background_goes_on(
+    make: type[Rig], drops: bool
+) -> None:
+    rig = make()
+    twist = rig.base.set_value(EALData.of([0.2, 0.0]))
+    rig.start(twist, 0.1)
+    twist.close()  # as between two twists of a motion to a place
+    rig.body.dropped = (drops,) * 3
+    rig.port.is_broken = True
+    rig.wait(2.0)
+    assert rig.base.get_status() == 0
+    rig.body.dropped = (False,) * 3
+    rig.port.come_back()
+    rig.wait(2.0)
+    assert rig.body.left.target_m_s == rig.body.right.target_m_s == 0.0
+    rig.do("f0.1")
