@@ -41,6 +41,11 @@ class PartHandle:
         return f"<{type(self).__name__} {self.resource.robot}/{self.resource.name}>"
 
 
+def heading_rad(yaw_deg: float) -> float:
+    """Return a heading in radians, without its full turns: 810 degrees are 90."""
+    return math.radians(math.fmod(yaw_deg, 360.0) if math.isfinite(yaw_deg) else yaw_deg)
+
+
 class BaseHandle(PartHandle):
     """A base with two driven wheels or tracks. Every call returns a future at once; see ResourceHandle for its errors.
 
@@ -66,7 +71,7 @@ class BaseHandle(PartHandle):
         It fails with BlockedError if something is in the way for 5 s, and with LocalizationError if the pose is too old
         or too uncertain; the robot stands then.
         """
-        goal = [float(x_m), float(y_m)] + ([] if yaw_deg is None else [math.radians(yaw_deg)])
+        goal = [float(x_m), float(y_m)] + ([] if yaw_deg is None else [heading_rad(yaw_deg)])
         return self.resource.send_cmd("goto", goal, timeout_s=timeout_s)
 
     def follow(self, path: Iterable[tuple[float, float]], *, timeout_s: float = MOTION_TIMEOUT_S) -> Call[int]:
@@ -117,7 +122,7 @@ class PoseHandle(PartHandle):
 
     def set(self, x_m: float, y_m: float, yaw_deg: float, *, timeout_s: float | None = None) -> Call[int]:
         """Set the estimate: the robot is there now."""
-        return self.resource.set_value([float(x_m), float(y_m), math.radians(yaw_deg)], timeout_s=timeout_s)
+        return self.resource.set_value([float(x_m), float(y_m), heading_rad(yaw_deg)], timeout_s=timeout_s)
 
 
 class CameraHandle(PartHandle):

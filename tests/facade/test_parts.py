@@ -47,6 +47,7 @@ ENCODINGS: list[tuple[Callable[[RobotHandle], object], tuple[Any, ...]]] = [
     (lambda robot: robot.base.turn(-22.5), ("Base", "send_cmd", "r22.5")),
     (lambda robot: robot.base.go_to(1, 2), ("Base", "send_cmd", "goto", [1.0, 2.0])),
     (lambda robot: robot.base.go_to(1, 2, 180), ("Base", "send_cmd", "goto", [1.0, 2.0, math.pi])),
+    (lambda robot: robot.base.go_to(1, 2, 900), ("Base", "send_cmd", "goto", [1.0, 2.0, math.pi])),
     (lambda robot: robot.base.follow([(0, 1), (2, 3)]), ("Base", "send_cmd", "follow", [0.0, 1.0, 2.0, 3.0])),
     (lambda robot: robot.base.set_velocity(0.1, 90), ("Base", "set_value", [0.1, math.pi / 2])),
     (lambda robot: robot.base.stop(), ("Base", "halt")),
@@ -54,6 +55,7 @@ ENCODINGS: list[tuple[Callable[[RobotHandle], object], tuple[Any, ...]]] = [
     (lambda robot: robot.turret.turn(-45), ("Turret", "send_cmd", "r45")),
     (lambda robot: robot.pose.get(), ("Pose", "send_req", "estimate")),
     (lambda robot: robot.pose.set(1, 2, 180), ("Pose", "set_value", [1.0, 2.0, math.pi])),
+    (lambda robot: robot.pose.set(1, 2, -900), ("Pose", "set_value", [1.0, 2.0, -math.pi])),
     (lambda robot: robot.camera.frame(), ("Camera", "get_value")),
     (lambda robot: robot.ranges.get(), ("Range", "get_value")),
 ]

@@ -26,7 +26,7 @@ def simulation() -> Simulation:
 def test_robots_drive_to_places_and_along_paths(simulation: Simulation) -> None:
     text = scenario(
         "let: {home: value('Pose')}",
-        'go_to: {x_m: "${home[0] + 0.3}", y_m: "${home[1]}", yaw_deg: 90}',
+        'go_to: {x_m: "${home[0] + 0.3}", y_m: "${home[1]}", yaw_deg: "${9 * 90}"}',
         'follow: {path_m: [["${home[0] + 0.3}", "${home[1] + 0.3}"], ["${home[0]}", "${home[1] + 0.3}"]]}',
         'go_to: {resource: Base, x_m: "${home[0]}", y_m: "${home[1] - 0.2}"}\n        together: true',
     )

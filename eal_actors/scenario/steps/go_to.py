@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Annotated, Any
 
@@ -10,6 +9,7 @@ from pydantic import BaseModel, Discriminator, Tag
 from typing_extensions import override
 
 from eal_actors.actors.future import Future
+from eal_actors.actors.part_handles import heading_rad
 from eal_actors.device.info import ResourceInfo
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.kernel.yaml_tree import YamlPath
@@ -108,7 +108,7 @@ class GoToStep(MapStep, kind="go_to"):
             return {"place": places[index]}
         goal = [number_of(found["x_m"], "x_m"), number_of(found["y_m"], "y_m")]
         if found["yaw_deg"] is not None:
-            goal.append(math.radians(number_of(found["yaw_deg"], "yaw_deg")))
+            goal.append(heading_rad(number_of(found["yaw_deg"], "yaw_deg")))
         return {"cmd": "goto", "data": goal}
 
     @override
