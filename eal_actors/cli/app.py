@@ -13,7 +13,7 @@ from typer.main import get_group
 
 from eal_actors import __version__
 from eal_actors.cli.exit_codes import EPILOG, ExitCode, report_error, write_error
-from eal_actors.cli.interrupts import handle_signals
+from eal_actors.cli.interrupts import handle_signals, was_interrupted
 from eal_actors.cli.options import EalCommand, EalCommandGroup, GlobalOptions, LogLevel
 from eal_actors.cli.streams import failsafe_output
 from eal_actors.kernel.errors import EALError
@@ -129,6 +129,12 @@ class _EalProgram(EalCommandGroup):
             write_error("usage", error.format_message(), ExitCode.BAD_INPUT)
             raise typer.Exit(ExitCode.BAD_INPUT) from error
         except KeyboardInterrupt:
+            raise typer.Exit(ExitCode.INTERRUPTED) from None
+        except (typer.Exit, typer.Abort):
+            raise
+        except Exception:
+            if not was_interrupted():  # else pydantic, or an import, has made another error of it
+                raise
             raise typer.Exit(ExitCode.INTERRUPTED) from None
 
 

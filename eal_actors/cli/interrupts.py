@@ -31,6 +31,11 @@ _was_interrupted = False
 """Whether a signal has raised KeyboardInterrupt, which the code of others may have dropped, as OpenCV's import does."""
 
 
+def was_interrupted() -> bool:
+    """Return whether a signal has interrupted the program, even if its KeyboardInterrupt was dropped or replaced."""
+    return _was_interrupted
+
+
 def handle_signals() -> None:
     """Make SIGINT, SIGTERM and SIGHUP raise KeyboardInterrupt, so that every `finally` stops its motors."""
     if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:

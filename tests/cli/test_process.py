@@ -294,14 +294,17 @@ class Fields:
 """A KeyboardInterrupt there comes out as RuntimeError before Python 3.12."""
 
 
-@pytest.mark.parametrize(("module", "arguments"), [("typer", ["--version"]), ("simpleeval", ["run", "dance"])])
+@pytest.mark.parametrize(
+    ("module", "arguments"),
+    [("typer", ["--version"]), ("simpleeval", ["run", "dance"]), ("mcap", ["run", "dance", "--fleet", "sim"])],
+)
 def test_ctrl_c_while_the_program_loads_ends_it_without_a_word(
     tmp_path: Path, module: str, arguments: list[str]
 ) -> None:
     (tmp_path / f"{module}.py").write_text(LOADING, encoding="utf-8")
     environment = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{bundled_path('.')}"}
     command = [sys.executable, "-m", "eal_actors", *arguments]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
 
 
