@@ -10,6 +10,7 @@ from typing import Any, Final
 from typing_extensions import override
 
 from eal_actors.plugin import (
+    Activity,
     ArgumentError,
     Clock,
     DataError,
@@ -26,6 +27,8 @@ from .connection import MqttConnection, MqttMessage, MqttReceived, TopicInbox, a
 from .settings import MqttTopicSettings
 
 _TYPES: Final = {"number": DataType.DOUBLE, "flag": DataType.BOOL, "text": DataType.CHAR, "json": DataType.CHAR}
+
+_RETRY_S: Final = 0.1
 
 WhyNotReady = Callable[[], str | None]
 
@@ -101,6 +104,7 @@ class MqttWriter(Resource):
         self._settings = settings
         self._connection = connection
         self._why_not_ready = why_not_ready
+        self._is_halt_due = False
         self.value = value_info(settings)  # type: ignore[misc]  # of each resource its own
         self.description = f"Publishes {settings.topic}."  # type: ignore[misc]
 
@@ -115,15 +119,28 @@ class MqttWriter(Resource):
             ArgumentError: the value does not fit the settings.
             UnavailableError: the broker is out of reach.
         """
-        self._publish(encode(data.value, self._settings))
+        self._publish(encode(data.value, self._settings), self._settings.qos)
+        self._is_halt_due = False
 
     @override
     def halt(self) -> None:
-        if self._settings.halt is not None and self._connection.why_not_ready() is None:
-            self._publish(self._settings.halt.encode())
+        self._is_halt_due = self._settings.halt is not None
+        self._try_halt()
 
-    def _publish(self, payload: bytes) -> None:
-        self._connection.publish(MqttMessage(self._settings.topic, payload, self._settings.qos, self._settings.retain))
+    @override
+    def background(self) -> Activity:
+        """Publish a halt that the broker's absence held up."""
+        while True:
+            self._try_halt()
+            yield _RETRY_S
+
+    def _try_halt(self) -> None:
+        if self._is_halt_due and self._settings.halt is not None and self._connection.why_not_ready() is None:
+            self._publish(self._settings.halt.encode(), max(1, self._settings.qos))  # sent again after a loss
+            self._is_halt_due = False
+
+    def _publish(self, payload: bytes, qos: int) -> None:
+        self._connection.publish(MqttMessage(self._settings.topic, payload, qos, self._settings.retain))
 
 
 def decode(payload: bytes, settings: MqttTopicSettings) -> Any:

@@ -150,6 +150,24 @@ def make_certificates(folder: Path) -> None:
     subprocess.run(make, cwd=folder, check=True, capture_output=True)
 
 
+def test_a_halt_while_the_broker_is_away_is_published_when_it_is_back(tmp_path: Path) -> None:
+    """It is retained, so that a device hears it that is back later."""
+    motor = {"topic": "room/motor", "writable": True, "halt": "STOP", "retain": True}
+    with (
+        Broker(tmp_path) as broker,
+        mqtt_fleet(tmp_path, room={"broker": broker.url, "topics": {"Motor": motor}}) as fleet,
+    ):
+        until_ready(fleet, "room", "Motor")
+        fleet["room"]["Motor"].set_value("RUN").get()
+        broker.stop()
+        why(fleet, "room", "Motor", "cannot reach")
+        fleet["room"]["Motor"].halt().get()
+        broker.start()
+        with Device(broker, "room/motor") as device:
+            wait_for(lambda: ("room/motor", b"STOP") in device.heard, "the motor is not stopped")
+        assert error_of(lambda: fleet["room"]["Motor"].set_value("RUN").get()) == ""
+
+
 # The client leaves the socket of a failed handshake to the garbage collector.
 @pytest.mark.filterwarnings("ignore:.*SSLSocket:pytest.PytestUnraisableExceptionWarning")
 def test_tls_and_passwords(tmp_path: Path) -> None:
