@@ -6,6 +6,7 @@ also end by a velocity of zero. A halt that the link cannot carry is repeated un
 
 from __future__ import annotations
 
+import math
 import time
 from typing import Any
 
@@ -46,6 +47,7 @@ class Base(VelocityBase):
         self._odometer = odometer
         self._navigator = navigator
         self._stamped = stamped
+        self._localizer = context.localizer
 
     @override
     def not_ready(self) -> str | None:
@@ -58,12 +60,20 @@ class Base(VelocityBase):
         super().halt()
 
     @override
+    def background(self) -> Activity:
+        for pause_s in super().background():
+            if self._navigator is not None:
+                self._navigator.look_after()
+            yield pause_s
+
+    @override
     def go_to(self, goal: Any) -> Activity:
         if self._navigator is None:
             return super().go_to(goal)
         x_m, y_m, yaw_rad = self.goal_numbers(goal)
         if yaw_rad is None:  # NavigateToPose has no free heading: arrive as the robot comes
-            yaw_rad = self._odometer.read().yaw_rad
+            here = self._localizer.estimate(self._clock.now())
+            yaw_rad = math.atan2(y_m - here.y_m, x_m - here.x_m)
         return self._navigator.go_to(x_m, y_m, yaw_rad, self.progress)
 
     @override

@@ -13,7 +13,10 @@ import uuid
 from collections.abc import Callable
 from typing import Final
 
-from eal_actors.plugin import Activity, BlockedError, DataError, EALError, UnavailableError, get_logger
+import zenoh
+from zenoh import handlers
+
+from eal_actors.plugin import Activity, BlockedError, Clock, DataError, EALError, LogLimit, UnavailableError, get_logger
 
 from .message_types import MessageTypes
 from .session import RosNode
@@ -22,6 +25,8 @@ _POLL_S: Final = 0.05
 _ACCEPT_S: Final = 5.0
 _RESULT_S: Final = 3600.0
 """Longest time of one navigation; a command's deadline usually ends it before."""
+_REPEAT_S: Final = 1.0
+"""From a cancellation without an answer to the next."""
 _SUCCEEDED: Final = 4
 _STATES: Final = {5: "it was cancelled", 6: "Nav2 gave up"}
 
@@ -29,7 +34,7 @@ _STATES: Final = {5: "it was cancelled", 6: "Nav2 gave up"}
 class Navigator:
     """Drives to places by one action of Nav2. Thread: the base's actor."""
 
-    def __init__(self, node: RosNode, types: MessageTypes, action: str) -> None:
+    def __init__(self, node: RosNode, types: MessageTypes, action: str, clock: Clock) -> None:
         kind = types.action("nav2_msgs/action/NavigateToPose")
         self.name: Final = node.full_name(action)
         self._send_goal = node.client(f"{action}/_action/send_goal", kind.send_goal)
@@ -37,6 +42,11 @@ class Navigator:
         self._cancel_goal = node.client(f"{action}/_action/cancel_goal", types.service("action_msgs/srv/CancelGoal"))
         self._feedback = node.subscription(f"{action}/_action/feedback", kind.feedback)
         self._goal: bytes | None = None
+        self._clock = clock
+        self._unwanted: bytes | None = None  # a goal whose cancellation is not confirmed
+        self._answer: handlers.Handler[zenoh.Reply] | None = None
+        self._repeat_s = 0.0
+        self._failed = LogLimit(most=1)
 
     def go_to(self, x_m: float, y_m: float, yaw_rad: float, report: Callable[[float | None, str], None]) -> Activity:
         """Drive to a pose in the map; closing the activity cancels the goal.
@@ -85,11 +95,24 @@ class Navigator:
         return whole_m
 
     def cancel(self) -> None:
-        """Cancel the running goal, if there is one; does not wait for the answer."""
+        """Cancel the running goal, if there is one; `look_after` repeats it until it is answered."""
         goal, self._goal = self._goal, None
-        if goal is None:
+        if goal is not None:
+            self._unwanted, self._answer, self._repeat_s = goal, None, 0.0
+            self.look_after()
+
+    def look_after(self) -> None:
+        """Repeat a cancellation until Nav2 answers: it would drive on."""
+        if self._unwanted is None:
             return
         try:
-            self._cancel_goal.ask({"goal_info": {"goal_id": {"uuid": goal}}}, _ACCEPT_S)
+            if self._answer is not None and self._cancel_goal.poll(self._answer) is not None:
+                self._unwanted = self._answer = None
+            elif self._answer is None and self._clock.now() >= self._repeat_s:
+                self._repeat_s = self._clock.now() + _REPEAT_S
+                self._answer = self._cancel_goal.ask({"goal_info": {"goal_id": {"uuid": self._unwanted}}}, _ACCEPT_S)
         except EALError as error:
-            get_logger(action=self.name).error("the goal could not be cancelled", reason=error.message)
+            self._answer = None
+            if (more := self._failed.admit()) is not None:
+                text = "the goal is not cancelled yet; it is tried again"
+                get_logger(action=self.name).error(text, reason=error.message, **more)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from eal_actors import EALData, EALError, ResourceHandle
-from eal_actors.plugin import Clock, DataType, ResourceInfo, get_logger
+from eal_actors.plugin import Clock, DataType, ResourceInfo, get_logger, wrapped_rad
 
 from .endpoints import RosPublisher
 from .message_types import MessageTypes
@@ -21,6 +21,9 @@ Fields = dict[str, Any]
 Pose = tuple[float, float, float]
 _POSE_SHAPE: Final = (3,)
 _ANGLES_S: Final = 5.0
+_MOST_RANGE: Final = "max_range_m"
+_PAUSE_S: Final = 1.0
+"""Between two poses of an odometry that give no velocity."""
 
 
 class FleetTopics:
@@ -167,15 +170,41 @@ def _pose(pose: Pose) -> Fields:
 
 
 def _pose_message(name: str, frame: str, child: str) -> tuple[str, Callable[[EALData, Fields], Fields]]:
+    velocity = _Velocity()
+
     def fill(data: EALData, stamp: Fields) -> Fields:
         x_m, y_m, yaw_rad = map(float, data.value)
         pose = _pose((x_m, y_m, yaw_rad))
         header = {"stamp": stamp, "frame_id": frame}
         if name == "Odometry":
-            return {"header": header, "child_frame_id": child, "pose": {"pose": pose}}
+            twist = velocity.after((x_m, y_m, yaw_rad), data.stamp_s)
+            return {"header": header, "child_frame_id": child, "pose": {"pose": pose}, "twist": {"twist": twist}}
         return {"header": header, "pose": pose}
 
     return ("nav_msgs/msg/Odometry" if name == "Odometry" else "geometry_msgs/msg/PoseStamped"), fill
+
+
+class _Velocity:
+    """The velocity of an odometry, by its last two poses; in the robot's frame."""
+
+    def __init__(self) -> None:
+        self._last: tuple[Pose, float] | None = None
+        self._twist: Fields = {}
+
+    def after(self, pose: Pose, stamp_s: float | None) -> Fields:
+        """Return the twist for one more pose; a pose of the same time leaves it."""
+        if stamp_s is None:
+            return self._twist
+        (before, before_s), self._last = self._last or (pose, stamp_s), (pose, stamp_s)
+        if not 0.0 < (passed_s := stamp_s - before_s) < _PAUSE_S:
+            self._twist = self._twist if passed_s == 0.0 else {}
+            return self._twist
+        turn_rad = wrapped_rad(pose[2] - before[2])
+        middle_rad = before[2] + turn_rad / 2
+        gone = pose[0] - before[0], pose[1] - before[1]
+        ahead_m = gone[0] * math.cos(middle_rad) + gone[1] * math.sin(middle_rad)
+        self._twist = {"linear": {"x": ahead_m / passed_s}, "angular": {"z": turn_rad / passed_s}}
+        return self._twist
 
 
 def _image(frame: str) -> Callable[[EALData, Fields], Fields]:
@@ -190,20 +219,28 @@ def _image(frame: str) -> Callable[[EALData, Fields], Fields]:
 
 
 def _scan(resource: ResourceHandle, frame: str) -> Callable[[EALData, Fields], Fields]:
-    """Return the function that fills a scan; its angles are asked once, and must be evenly spaced."""
+    """Return the function that fills a scan; its angles are asked once, and must be evenly spaced.
+
+    A ray that hits nothing is infinite (Source: REP 117), if the scanner tells its greatest range.
+    """
     angles = resource.send_req("angles", timeout_s=_ANGLES_S)
+    tells_most = any(config.name == _MOST_RANGE for config in resource.info.configs)
+    most = resource.get_config(_MOST_RANGE, timeout_s=_ANGLES_S) if tells_most else None
 
     def fill(data: EALData, stamp: Fields) -> Fields:
         rays = [float(angle) for angle in angles.get().value]
         step = (rays[-1] - rays[0]) / max(1, len(rays) - 1)
         ranges = list(map(float, data.value))
+        most_m = max(ranges) if most is None else float(most.get().value)
+        if most is not None:
+            ranges = [range_m if range_m < most_m else math.inf for range_m in ranges]
         return {
             "header": {"stamp": stamp, "frame_id": frame},
             "angle_min": rays[0],
             "angle_max": rays[-1],
             "angle_increment": step,
             "range_min": 0.0,
-            "range_max": max(ranges),
+            "range_max": most_m,
             "ranges": ranges,
         }
 

@@ -111,7 +111,7 @@ def _drive(
         OdometryNoise(settings.track_m),
         settings.odometry_timeout_s,
     )
-    navigator = None if settings.navigate is None else Navigator(node, types, settings.navigate)
+    navigator = None if settings.navigate is None else Navigator(node, types, settings.navigate, context.clock)
     return {
         "Base": partial(Base, drivetrain, context, publisher, odometer, navigator, stamped=settings.stamped),
         "Odometry": partial(Odometry, odometer),

@@ -122,13 +122,17 @@ class LaserScanSensor(TopicSensor):
     value = ValueInfo(DataType.DOUBLE, "m", shape=(None,))
 
     def get_value(self) -> EALData:
-        """Return the distances. A ray without a valid one has the greatest range."""
+        """Return the distances. A ray without a valid one has the greatest range; one with -inf, too near, the least.
+
+        Source: REP 117.
+        """
         scan, stamp_s = self._reader.read()
         ranges = np.asarray(scan.ranges, np.float64)
         valid = np.isfinite(ranges) & (ranges >= scan.range_min) & (ranges <= scan.range_max)
         found = np.where(valid, ranges, float(scan.range_max))
+        found = np.where(ranges == -math.inf, float(scan.range_min), found)
         if not np.isfinite(found).all():
-            raise DataError("the scan's range_max is not finite")
+            raise DataError("the scan's range_min or range_max is not finite")
         return EALData.of(found, unit="m", frame_id=scan.header.frame_id or None, stamp_s=stamp_s)
 
     @request("angles", ValueInfo(DataType.DOUBLE, "rad", shape=(None,)))

@@ -15,7 +15,7 @@ import pytest
 
 from eal_actors import Fleet
 from eal_actors.actors.robot_view import RobotState
-from eal_actors.kernel.errors import BlockedError, EALError, NotReadyError, UnavailableError
+from eal_actors.kernel.errors import BlockedError, DataError, EALError, NotReadyError, UnavailableError
 from plugins.ros2.message_types import MessageTypes
 from plugins.ros2.session import RosSession
 from tests.unit.plugins.ros2.rig import Ros2Peer, SdkRobot, free_port, open_router, ros2_fleet, wait_for
@@ -127,6 +127,28 @@ def test_topics_of_any_type_and_services(peer: Ros2Peer, tmp_path: Path) -> None
                 box["Lamp"].send_req(wrong, timeout_s=CALL_S).get()
 
 
+def test_a_ray_that_is_too_near_to_measure_is_no_free_way(peer: Ros2Peer, tmp_path: Path) -> None:
+    """REP 117: -inf is too near, inf is nothing, NaN is no measurement."""
+    scans = peer.publisher("/box/scan", "sensor_msgs/msg/LaserScan")
+    header = peer.type("std_msgs/msg/Header")(
+        stamp=peer.type("builtin_interfaces/msg/Time")(sec=0, nanosec=0), frame_id="laser"
+    )
+    numbers = {"angle_min": 0.0, "angle_max": 0.4, "angle_increment": 0.1, "time_increment": 0.0, "scan_time": 0.0}
+    ranges = np.array([-math.inf, 1.5, math.inf, math.nan, 9.0], np.float32)
+    settings = {"topics": {"Lidar": {"topic": "/box/scan", "type": "sensor_msgs/msg/LaserScan"}}}
+    with ros2_fleet(tmp_path, peer, box=settings) as fleet:
+
+        def scan() -> bool:
+            scans.publish(
+                header=header, **numbers, range_min=0.25, range_max=8.0, ranges=ranges,
+                intensities=np.zeros(0, np.float32),
+            )  # fmt: skip
+            return "Lidar" not in fleet["box"].not_ready
+
+        wait_for(scan, "nothing arrives")
+        assert list(fleet["box"]["Lidar"].get_value().get().value) == [0.25, 1.5, 8.0, 8.0, 8.0]
+
+
 def test_a_robot_of_another_type_domain_or_absence_is_named(peer: Ros2Peer, tmp_path: Path) -> None:
     peer.publisher("/x/count", "std_msgs/msg/Int32")
     peer.publisher("/x/older", "std_msgs/msg/String", type_hash="RIHS01_" + "0" * 64)
@@ -202,8 +224,11 @@ NAV2 = "navigate_to_pose"
 
 
 @contextmanager
-def nav2(peer: Ros2Peer, *, accepts: bool, status: int, holds: bool = False) -> Iterator[dict[str, Any]]:
-    """Serve NavigateToPose, by the design document of actions; `holds` answers only after a cancellation."""
+def nav2(peer: Ros2Peer, *, accepts: bool, status: int, holds: bool = False, deaf: int = 0) -> Iterator[dict[str, Any]]:
+    """Serve NavigateToPose, by the design document of actions; `holds` answers only after a cancellation.
+
+    So many first cancellations as `deaf` says fail.
+    """
     types, seen, cancelled = MessageTypes("jazzy"), dict[str, Any](), threading.Event()
     action = types.action("nav2_msgs/action/NavigateToPose")
 
@@ -217,6 +242,9 @@ def nav2(peer: Ros2Peer, *, accepts: bool, status: int, holds: bool = False) -> 
         return {"status": status, "result": {"error_msg": "a wall"}}
 
     def cancel_goal(asked: Any) -> dict[str, Any]:
+        seen["cancellations"] = seen.get("cancellations", 0) + 1
+        if seen["cancellations"] <= deaf:
+            raise DataError("not now")
         seen["cancelled"] = bytes(asked.goal_info.goal_id.uuid)
         cancelled.set()
         return {}
@@ -248,12 +276,13 @@ def test_goto_is_a_goal_of_nav2_which_a_halt_cancels(peer: Ros2Peer, tmp_path: P
             base.send_cmd("goto", [1.0, 2.0], timeout_s=CALL_S).get()
         with nav2(peer, accepts=True, status=6), pytest.raises(BlockedError, match="Nav2 gave up: a wall"):
             base.send_cmd("goto", [1.0, 2.0], timeout_s=CALL_S).get()
-        with nav2(peer, accepts=True, status=5, holds=True) as seen:
-            driving = base.send_cmd("goto", [1.0, 2.0], timeout_s=CALL_S)
+        with nav2(peer, accepts=True, status=5, holds=True, deaf=2) as seen:
+            driving = base.send_cmd("goto", [1.0, -1.0], timeout_s=CALL_S)
             wait_for(lambda: "goal" in seen, "no goal was sent")
             base.halt().get()
             wait_for(lambda: "cancelled" in seen, "the goal was not cancelled")
             assert seen["cancelled"] == bytes(seen["goal"].goal_id.uuid)
+            assert seen["goal"].goal.pose.pose.orientation.z == pytest.approx(math.sin(-math.pi / 8))
             with pytest.raises(EALError):
                 driving.get()
         with pytest.raises(UnavailableError, match="did not answer"):

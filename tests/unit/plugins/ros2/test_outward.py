@@ -20,7 +20,7 @@ from eal_actors.managers.plugins import EALPluginManager
 from tests.unit.plugins.ros2.rig import Ros2Peer, wait_for
 
 ROBOTS = {
-    "evbot2-1": {"plugins": {"sim": {"model": "evbot2", "lidar": {"rays": 90}}}},
+    "evbot2-1": {"plugins": {"sim": {"model": "evbot2", "lidar": {"rays": 90, "max_range_m": 1.5}}}},
     "roomba-1": {"plugins": {"sim": {"model": "roomba", "start": {"x_m": 1.0, "y_m": 0.5, "yaw_deg": 90}}}},
 }
 
@@ -50,6 +50,10 @@ def test_robots_are_seen_and_driven_with_a_dead_man(peer: Ros2Peer, file: Path) 
             peer.subscriber("/evbot2_1/camera/image_raw", "sensor_msgs/msg/Image", keep("image"))
             wait_for(lambda: {"odom", "scan", "tf", "battery", "image"} <= set(seen), f"only {set(seen)} arrived")
             assert len(seen["scan"].ranges) == 90
+            assert seen["scan"].range_max == pytest.approx(1.5)
+            hits = [range_m for range_m in seen["scan"].ranges if range_m <= seen["scan"].range_max]
+            assert 0 < len(hits) < 90
+            assert {range_m for range_m in seen["scan"].ranges if range_m not in hits} == {math.inf}  # REP 117
             assert (seen["image"].encoding, seen["image"].step) == ("rgb8", 3 * seen["image"].width)
             assert 0 < seen["battery"].percentage <= 1
             topics = dict(discovery.get_topic_names_and_types(router_port=peer.port))
@@ -70,6 +74,9 @@ def test_robots_are_seen_and_driven_with_a_dead_man(peer: Ros2Peer, file: Path) 
                 return math.dist(truth.get_value().get().value[:2], begin[:2])
 
             wait_for(lambda: drive(0.2) or gone_m() > 0.1, "it does not move")
+            wait_for(
+                lambda: drive(0.2) or 0.15 < seen["odom"].twist.twist.linear.x < 0.25, "its odometry has no velocity"
+            )
             wait_for(lambda: fleet["roomba-1"]["Base"].get_status().get() == 0, "it does not stop when they cease")
             stopped_m = gone_m()
             for wrong in (math.nan, math.inf, 1e9):
