@@ -123,11 +123,14 @@ class UdpPort:
     @property
     def in_waiting(self) -> int:
         """Return 1 if a datagram can be read, else 0."""
-        try:
-            self._socket.recv(_MOST_WAITING, socket.MSG_PEEK)
-        except (BlockingIOError, ConnectionRefusedError):
-            return 0
-        return 1
+        while True:
+            try:
+                self._socket.recv(_MOST_WAITING, socket.MSG_PEEK)
+            except BlockingIOError:
+                return 0
+            except ConnectionRefusedError:  # the peer of an earlier datagram did not listen; others may wait behind it
+                continue
+            return 1
 
     def read(self, size: int = 65536) -> bytes:  # noqa: ARG002  # a datagram is read as a whole
         """Return the next datagram; empty for none."""

@@ -130,3 +130,19 @@ def test_ports_work_in_a_program_with_more_than_a_thousand_descriptors(server: S
         with closing(UdpPort("127.0.0.1", 9)) as udp:
             assert udp.in_waiting == 0
             udp.reset_input_buffer()
+
+
+def test_a_datagram_behind_a_refusal_is_seen() -> None:
+    with socket.socket(type=socket.SOCK_DGRAM) as peer, socket.socket(type=socket.SOCK_DGRAM) as probe:
+        for end in (peer, probe):
+            end.bind(("127.0.0.1", 0))
+        (_, far), (_, near) = peer.getsockname(), probe.getsockname()
+        probe.close()
+        with closing(UdpPort("127.0.0.1", far, near)) as port:
+            peer.close()
+            port.write(b"is anybody there?")
+            with socket.socket(type=socket.SOCK_DGRAM) as later:
+                later.bind(("127.0.0.1", far))
+                later.sendto(b"now", ("127.0.0.1", near))
+                assert port.in_waiting == 1
+                assert port.read() == b"now"
