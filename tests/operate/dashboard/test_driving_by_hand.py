@@ -86,6 +86,23 @@ def test_what_may_swallow_the_release_of_a_key_releases_it(driving: Page, fleet:
     halted(base)
 
 
+def test_a_button_of_the_pad_is_held_by_the_space_bar(open_page: OpenPage, dashboard: Dashboard, fleet: Fleet) -> None:
+    base = resource_of(fleet, "one", "Base")
+    with open_page(dashboard.link + "#/robot/one") as page:
+        for last in ("release", "focus"):
+            page.get_by_role("button", name="hold to drive ahead").focus()
+            with base.changed:
+                twists = base.twists
+            page.keyboard.down("Space")
+            wait_for(base, lambda: base.twists > twists)  # noqa: B023  # waits in this round
+            if last == "focus":
+                page.keyboard.press("Tab")
+            else:
+                page.keyboard.up("Space")
+            halted(base)
+            page.keyboard.up("Space")
+
+
 def test_a_slider_that_has_the_focus_leaves_the_letters_to_driving(driving: Page, fleet: Fleet) -> None:
     driving.get_by_role("slider", name="Speed in m/s").focus()
     hold(driving, fleet)

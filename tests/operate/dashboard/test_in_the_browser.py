@@ -50,7 +50,7 @@ def test_the_page_starts_shows_and_stops_the_dance(open_page: OpenPage, tmp_path
         page.wait_for_function(f"(before) => {POSES}.then((now) => now !== before)", arg=before)
         page.evaluate(NOTE_PRESSES)
         page.keyboard.press("Escape")
-        expect(page.locator("#notices")).to_contain_text("3 robots confirmed the stop")
+        expect(page.locator("#notices")).to_contain_text("3 of 3 robots confirmed the stop")
         pressed_s = page.evaluate("window.pressedMs") / 1000
         rate = fleet.clock.of_real(1.0)
         late_s = fleet.clock.now() - (wall_time().timestamp() - pressed_s - 0.5) * rate  # half a real second after it
@@ -101,7 +101,7 @@ def test_the_view_replays_a_run_and_links_to_its_report(open_page: OpenPage, fle
         expect(replay.locator(".bar").first).to_have_text("turn9")
         replay.locator("#player-time").focus()
         page.keyboard.press("Escape")
-        expect(page.locator("#notices")).to_contain_text("2 robots confirmed the stop")
+        expect(page.locator("#notices")).to_contain_text("2 of 2 robots confirmed the stop")
         assert all(robot.stopped_because for robot in fleet.values())
 
 

@@ -26,6 +26,8 @@ const PAD = [null, "ahead", null, "left", null, "right", null, "back", null];
 /** Fields that take letters, and those that take arrow keys. */
 const FIELDS = "input:not([type=range]), select, textarea";
 const ARROW_FIELDS = "input, select, textarea";
+/** Keys that hold a button of the pad that has the focus. */
+const PAD_KEYS = [" ", "Enter"];
 const SIGNS = { ahead: "▲ W", back: "▼ S", left: "◀ A", right: "D ▶" };
 const HINT_ARMED =
   "Hold W A S D or an arrow key, or a gamepad's shoulder button with its left stick. The robot halts when you release it.";
@@ -118,6 +120,13 @@ export class DrivePanel {
     };
     button.onpointerup = button.onpointercancel = button.onlostpointercapture = () => this.lift(direction);
     button.oncontextmenu = (event) => event.preventDefault();
+    button.onkeydown = (event) => {
+      if (!PAD_KEYS.includes(event.key)) return;
+      event.preventDefault();
+      if (!event.repeat) this.press(direction);
+    };
+    button.onkeyup = (event) => PAD_KEYS.includes(event.key) && this.lift(direction);
+    button.onblur = () => this.lift(direction);
     this.buttons.set(direction, button);
     return button;
   }

@@ -181,7 +181,7 @@ async function stop() {
   const answer = await request("stop", {});
   clearTimeout(late);
   warning?.remove();
-  if (answer.ok) notify(`${answer.confirmed.length} robots confirmed the stop.`);
+  if (answer.ok) notify(`${answer.confirmed.length} of ${store.names().length} robots confirmed the stop.`);
   else notify(`Stop not confirmed: ${describeFailure(answer)}`, true);
 }
 

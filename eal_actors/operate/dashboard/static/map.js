@@ -132,7 +132,7 @@ export class FleetMap {
       this.hasPoses = robots > 0;
       this.fit();
     }
-    const label = `Map of ${robots} robots. The fleet view lists them as text.`;
+    const label = `Map; robots on it: ${robots}. The fleet view lists them as text.`;
     if (this.canvas.getAttribute("aria-label") !== label) this.canvas.setAttribute("aria-label", label);
     if (changed.has("hello") || changed.has("robots")) this.sender.offer();
     if (changed.has("hello")) this.floor.watched = "";
