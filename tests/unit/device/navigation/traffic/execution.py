@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import random
 from collections.abc import Mapping
 
@@ -45,8 +44,3 @@ class PlanExecution:
                 self.from_points[name], self.share[name] = move.to, 0.0
                 self.done[name] += 1
         return may_move
-
-    def least_distance_m(self) -> float:
-        """Return the distance between the two robots that are nearest to each other."""
-        at = list(self.at.values())
-        return min((math.dist(a, b) for i, a in enumerate(at) for b in at[:i]), default=math.inf)
