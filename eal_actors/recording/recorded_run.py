@@ -30,7 +30,6 @@ class RecordedCall(NamedTuple):
     end_s: float
     method: str
     command: str
-    outcome: str
     error: str
 
 

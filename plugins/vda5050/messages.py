@@ -307,11 +307,3 @@ def encode(message: Part) -> bytes:
 def timestamp(unix_s: float) -> str:
     """Return a time as the standard writes it: UTC, with milliseconds."""
     return datetime.fromtimestamp(unix_s, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
-
-
-def unix_s(text: str) -> float | None:
-    """Return the time of a timestamp in seconds since 1970; None if it is none."""
-    try:
-        return datetime.fromisoformat(text).replace(tzinfo=UTC).timestamp()
-    except ValueError:
-        return None

@@ -24,7 +24,6 @@ class PlannedMove:
     `waits_for` are travellers, and how many of their moves must be over before this one begins.
     """
 
-    here: int
     there: int
     waits_for: tuple[tuple[int, int], ...]
 
@@ -44,7 +43,7 @@ def action_graph(problem: TrafficProblem, paths: Sequence[Path]) -> list[list[Pl
         needed.pop(number, None)
         new = {other: count for other, count in sorted(needed.items()) if count > known[number].get(other, 0)}
         known[number].update(new)
-        moves[number].append(PlannedMove(here, there, tuple(new.items())))
+        moves[number].append(PlannedMove(there, tuple(new.items())))
         for place in (here, there):
             ended_at[place][number] = len(moves[number])
         for place in block:

@@ -12,7 +12,7 @@ from eal_actors.device.navigation.traffic.action_graph import action_graph
 from eal_actors.device.navigation.traffic.alone import way_alone
 from eal_actors.device.navigation.traffic.errors import TrafficError
 from eal_actors.device.navigation.traffic.lacam import NoPlanError, SearchError, search
-from eal_actors.device.navigation.traffic.problem import FAR, TrafficProblem, cost_of
+from eal_actors.device.navigation.traffic.problem import FAR, TrafficProblem
 from eal_actors.device.navigation.traffic.refining import refine
 from eal_actors.device.navigation.traffic.roadmap import RoadmapBuilder, StandingDisc, Traveller, point_text
 
@@ -43,14 +43,10 @@ class TrafficPlan:
     Attributes:
         moves: the moves of each robot in their order; none for a robot that is at its goal and may stay.
         clearance_m: distance that the centres of two robots keep on their ways.
-        cost: the sum of the steps of all robots, waiting included.
-        least_cost: the sum of the shortest paths.
     """
 
     moves: dict[str, tuple[TrafficMove, ...]]
     clearance_m: float
-    cost: int
-    least_cost: int
 
 
 def plan_traffic(
@@ -66,7 +62,7 @@ def plan_traffic(
     if len(travellers) > MAX_TRAVELLERS:
         raise TrafficError(f"traffic is planned for at most {MAX_TRAVELLERS} robots at once, not {len(travellers)}")
     if not travellers:
-        return TrafficPlan({}, 0.0, 0, 0)
+        return TrafficPlan({}, 0.0)
     if len(travellers) == 1 and (alone := _plan_alone(grid, travellers[0], standing)):
         return alone
     roadmap = RoadmapBuilder(grid, travellers, standing, MARGIN_M).build()
@@ -93,14 +89,14 @@ def plan_traffic(
         )
         for name, own in zip(names, action_graph(problem, paths), strict=True)
     }
-    return TrafficPlan(moves, roadmap.clearance_m, cost_of(paths), problem.least_cost)
+    return TrafficPlan(moves, roadmap.clearance_m)
 
 
 def _plan_alone(grid: OccupancyGrid, traveller: Traveller, standing: Sequence[StandingDisc]) -> TrafficPlan | None:
     if (way := way_alone(grid, traveller, standing, MARGIN_M)) is None:
         return None
     moves = tuple(TrafficMove(place, ()) for place in way)
-    return TrafficPlan({traveller.name: moves}, 2 * traveller.radius_m + MARGIN_M, len(way), len(way))
+    return TrafficPlan({traveller.name: moves}, 2 * traveller.radius_m + MARGIN_M)
 
 
 def _check_reachable(problem: TrafficProblem, travellers: Sequence[Traveller]) -> None:
