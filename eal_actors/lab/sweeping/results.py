@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,6 +21,7 @@ REFUSED: Final = "refused"
 """The run did not start: the robots cannot perform it with these values."""
 CRASHED: Final = "crashed"
 """The worker process of the run died."""
+_NOT_XML: Final = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 _HELD: Final = {True: "passed", False: "failed", None: ""}
 
 
@@ -124,14 +126,19 @@ def write_junit(results: Iterable[SweepResult], name: str, file: Path) -> None:
     attributes = {"name": name, **{key: str(count) for key, count in counts.items()}, "time": f"{total_s:.3f}"}
     suite = Xml.SubElement(suites, "testsuite", attributes)
     for row in rows:
-        attributes = {"classname": name, "name": row.job.label, "time": f"{row.duration_s or 0.0:.3f}"}
+        attributes = {"classname": name, "name": _xml(row.job.label), "time": f"{row.duration_s or 0.0:.3f}"}
         case = Xml.SubElement(suite, "testcase", attributes)
         if not row.is_good:
             kind = "error" if row.outcome in (REFUSED, CRASHED) else "failure"
-            attributes = {"type": row.outcome, "message": row.error or _failed_expectations(row)}
-            Xml.SubElement(case, kind, attributes).text = f"{_failed_expectations(row)}\nrun: {row.job.name}"
+            attributes = {"type": row.outcome, "message": _xml(row.error or _failed_expectations(row))}
+            Xml.SubElement(case, kind, attributes).text = _xml(f"{_failed_expectations(row)}\nrun: {row.job.name}")
     Xml.indent(suites)
     Xml.ElementTree(suites).write(file, encoding="utf-8", xml_declaration=True)
+
+
+def _xml(text: str) -> str:
+    """Return a text with the characters written out that XML has no form for, such as those of a robot's message."""
+    return _NOT_XML.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
 
 
 def _failed_expectations(result: SweepResult) -> str:

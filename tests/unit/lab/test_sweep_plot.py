@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from xml.etree import ElementTree as Xml
 
 import numpy as np
 import pytest
 
 from eal_actors.lab.sweeping import plot
-from eal_actors.lab.sweeping.results import SweepResult
+from eal_actors.lab.sweeping.results import SweepResult, write_junit
 from eal_actors.lab.sweeping.sweep import SweepJob
 from eal_actors.scenario import load_scenario
 from tests.figures import keep_figures
@@ -80,3 +81,17 @@ def test_lists_are_shown_as_they_are_written(tmp_path: Path, monkeypatch: pytest
     ]
     plot.draw_sweep(results, load_scenario(file), tmp_path / "sweep.png")
     assert [label.get_text() for label in figures[0].axes[0].get_xticklabels()] == ['["south"]', '["south", "east"]']
+
+
+def test_characters_that_xml_lacks_are_written_out(tmp_path: Path) -> None:
+    """A robot's message may have any."""
+    job = SweepJob("run", {"name": "x\x0b"}, {"name": "x\x0b"}, 1)
+    write_junit(
+        [SweepResult(job, "failed", 1.0, "said \x1b[31m \ud800 \x00 ü\nand more")], "sweep", tmp_path / "junit.xml"
+    )
+    case = Xml.parse(tmp_path / "junit.xml").find("testsuite/testcase")  # noqa: S314  # written here
+    assert case is not None
+    assert case.get("name") == "name=x\\x0b seed=1"
+    failure = case.find("failure")
+    assert failure is not None
+    assert failure.get("message") == "said \\x1b[31m \\ud800 \\x00 ü\nand more"
