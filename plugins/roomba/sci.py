@@ -118,17 +118,6 @@ def _within(what: str, value: int, low: int, high: int) -> int:
     return value
 
 
-def baud(rate: int) -> bytes:
-    """Encode Baud.
-
-    Raises:
-        ArgumentError: there is no such baud rate.
-    """
-    if rate not in BAUD_RATES:
-        raise ArgumentError(f"SCI: baud rate must be one of {', '.join(map(str, BAUD_RATES))}, not {rate}")
-    return bytes([Op.BAUD, BAUD_RATES.index(rate)])
-
-
 def drive(velocity_mm_s: int, radius_mm: int = STRAIGHT) -> bytes:
     """Encode Drive.
 

@@ -47,8 +47,8 @@ class StateStore:
     for longer than a copy of what changed.
     """
 
-    def __init__(self, on_change: Callable[[], None] = lambda: None) -> None:
-        self.on_change = on_change
+    def __init__(self) -> None:
+        self.on_change: Callable[[], None] = lambda: None
         self._lock = threading.Lock()
         self._version = 0
         self._cells: dict[tuple[Kind, str], tuple[int, Any]] = {}

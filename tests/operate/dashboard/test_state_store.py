@@ -22,7 +22,8 @@ def test_a_reader_gets_the_newest_state_of_each_cell_once() -> None:
 
 def test_an_unchanged_value_is_no_change() -> None:
     changes = []
-    store = StateStore(lambda: changes.append(1))
+    store = StateStore()
+    store.on_change = lambda: changes.append(1)
     store.put("robots", {"a": {"state": "ready"}})
     reader = StateReader(store)
     reader.take()
@@ -32,7 +33,8 @@ def test_an_unchanged_value_is_no_change() -> None:
 
 def test_an_unchanged_nan_is_no_change() -> None:
     changes = []
-    store = StateStore(lambda: changes.append(1))
+    store = StateStore()
+    store.on_change = lambda: changes.append(1)
     store.put("robots", {"a": {"charge": math.nan}})
     store.put("robots", {"a": {"charge": math.nan}})
     assert (store.get("robots", "a"), len(changes)) == ({"charge": None}, 1)
