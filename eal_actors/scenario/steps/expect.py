@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
-from pydantic import NonNegativeFloat
+from pydantic import BeforeValidator, NonNegativeFloat
 from typing_extensions import override
 
 from eal_actors.kernel.errors import ScenarioError
@@ -29,6 +29,12 @@ from eal_actors.scenario.language.wording import describe_names, short_value
 from eal_actors.scenario.steps.base import FallibleStep
 
 
+def _refuse_nothing(value: object) -> object:
+    if value is None:
+        raise ValueError("is empty; leave it out to expect that the expression is true")
+    return value
+
+
 class ExpectStep(FallibleStep, kind="expect"):
     """Fail unless an expression is true, or has a value."""
 
@@ -36,7 +42,7 @@ class ExpectStep(FallibleStep, kind="expect"):
     holds: ClassVar[Mapping[str, Held]] = {"expect": "condition", "equals": "condition", "says": "template"}
     expect: ExpressionText
     """An expression, without `${}`, that must be true, or equal to `equals`."""
-    equals: Value | None = None
+    equals: Annotated[Value | None, BeforeValidator(_refuse_nothing)] = None
     """An expression, without `${}`, or a list of them; a text needs quotes of its own."""
     tolerance: NonNegativeFloat | None = None
     """Maximum difference of numbers from `equals`."""

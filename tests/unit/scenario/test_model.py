@@ -336,3 +336,9 @@ def test_a_written_count_has_the_limit_of_a_computed_one(tmp_path: Path) -> None
     body = "steps:\n- signal: x\n- {wait_for: x, count: 1000001, timeout_s: 1}\n"
 
     assert problems(tmp_path, body) == ["s.yaml:7:24: steps[1].count: must be at most 1000000, not 1000001"]
+
+
+def test_an_expectation_whose_value_is_missing_is_refused(tmp_path: Path) -> None:
+    message = "steps[0].equals: is empty; leave it out to expect that the expression is true"
+
+    assert problems(tmp_path, "steps:\n- {expect: 1 + 1, equals: }\n") == [f"s.yaml:6:26: {message}"]
