@@ -47,6 +47,8 @@ class BridgeSettings(GraphSettings):
     """Pictures of each camera in a second."""
     drive: bool = True
     """Whether robots follow `cmd_vel`."""
+    stamped: bool = False
+    """Whether `cmd_vel` is a TwistStamped, as Nav2 of Kilted and later publishes; else a Twist."""
 
 
 @contextmanager
@@ -78,7 +80,7 @@ def open_bridge(fleet: Fleet, settings: BridgeSettings) -> Iterator[str]:
                 topic, ask = topics.add_plan(node, robot.name), partial(robot[_BASE].send_req, "path")
                 steps.append(SubscribedFeed(session, topic, _PLAN_S, ask, partial(topics.publish_plan, robot.name)))
             if settings.drive and _takes_twist(robot):
-                twist = types.message("geometry_msgs/msg/Twist")
+                twist = types.message(f"geometry_msgs/msg/Twist{'Stamped' if settings.stamped else ''}")
                 steps.append(VelocityFollower(robot, node.subscription("cmd_vel", twist)))
         with Sampler(fleet.clock, specs, topics.publish), _stepping(steps):
             where = f"domain {settings.domain} at {settings.router}"
@@ -187,7 +189,7 @@ class VelocityFollower:
         now_s = time.perf_counter()
         try:
             if (received := self._subscription.take()) is not None:
-                self._drive(received.message, now_s)
+                self._drive(getattr(received.message, "twist", received.message), now_s)
         except EALError as error:  # broken bytes, or a robot that is lost
             self._warn(error.message)
         if self._commanded_s is not None and now_s - self._commanded_s > _SILENCE_S:

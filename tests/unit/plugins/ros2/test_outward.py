@@ -86,6 +86,24 @@ def test_robots_are_seen_and_driven_with_a_dead_man(peer: Ros2Peer, file: Path) 
             assert math.hypot(odom.x, odom.y) > 0
 
 
+def test_robots_follow_stamped_velocities_if_the_settings_say_so(peer: Ros2Peer, file: Path) -> None:
+    with Fleet.load(file) as fleet:
+        bridge, settings = EALPluginManager().bridge("ros2", {"router": peer.endpoint, "stamped": True})
+        with bridge.open_bridge(fleet, settings):
+            commands = peer.publisher("/roomba_1/cmd_vel", "geometry_msgs/msg/TwistStamped")
+            stamp = peer.type("builtin_interfaces/msg/Time")(sec=0, nanosec=0)
+            header = peer.type("std_msgs/msg/Header")(stamp=stamp, frame_id="")
+            vector = peer.type("geometry_msgs/msg/Vector3")
+            ahead, still = vector(x=0.2, y=0.0, z=0.0), vector(x=0.0, y=0.0, z=0.0)
+            twist = peer.type("geometry_msgs/msg/Twist")(linear=ahead, angular=still)
+
+            def moves() -> bool:
+                commands.publish(header=header, twist=twist)
+                return fleet["roomba-1"]["Base"].get_status().get() == 1
+
+            wait_for(moves, "it does not move")
+
+
 def test_the_path_of_a_motion_is_shown_until_it_ends(peer: Ros2Peer, file: Path) -> None:
     """Points and headings are those of the command; the first one is where the robot was."""
     plans: list[Any] = []
