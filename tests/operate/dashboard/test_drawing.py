@@ -39,7 +39,8 @@ NAMES_AT_ONE_PLACE = """() => import("/static/map_names.js").then(({ drawNames }
         set: () => true,
     });
     const pose = { at: [0, 0, 0] };
-    drawNames(context, { scale: 50, toScreen: () => [100, 100] }, { one: pose, two: pose, three: pose });
+    const frame = { scale: 50, width: 200, toScreen: () => [100, 100] };
+    drawNames(context, frame, { one: pose, two: pose, three: pose });
     return written;
 })"""
 ROWS_OF_A_RUN = """() => import("/static/timeline.js").then(({ Timeline }) => {
