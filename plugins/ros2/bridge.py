@@ -59,6 +59,9 @@ def open_bridge(fleet: Fleet, settings: BridgeSettings) -> Iterator[str]:
         PluginError: zenoh's configuration is wrong, or two robots would be one node.
     """
     _check_names(fleet)
+    if away := [robot.name for robot in fleet.values() if not list(robot)]:
+        text = "these robots are absent, so they have no topics: start the bridge again when they are there"
+        get_logger().warning(text, robots=away)
     types = MessageTypes(settings.distribution)
     session = RosSession(settings.router, settings.domain, settings.zenoh_config)
     try:

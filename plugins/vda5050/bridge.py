@@ -29,7 +29,11 @@ def open_bridge(fleet: Fleet, settings: BridgeSettings) -> Iterator[str]:
         PluginError: a certificate or the password cannot be read.
     """
     vehicles = {robot.name: FleetVehicle(robot, settings, fleet.clock) for robot in fleet.values() if _drives(robot)}
-    if left_out := sorted(set(fleet) - set(vehicles)):
+    absent = {robot.name for robot in fleet.values() if not list(robot)}
+    if absent:
+        text = "these robots are absent, so they are no AGVs: start the bridge again when they are there"
+        get_logger().warning(text, robots=sorted(absent))
+    if left_out := sorted(set(fleet) - set(vehicles) - absent):
         get_logger().warning("these robots are no AGVs: they have no Pose, or no Base that knows goto", robots=left_out)
     specs = []
     for name in vehicles:

@@ -17,7 +17,8 @@ from zenoh_ros2_sdk import discovery
 from eal_actors import Fleet
 from eal_actors.cli.app import app
 from eal_actors.managers.plugins import EALPluginManager
-from tests.unit.plugins.ros2.rig import Ros2Peer, wait_for
+from tests.log_lines import log_lines
+from tests.unit.plugins.ros2.rig import Ros2Peer, free_port, wait_for
 
 ROBOTS = {
     "evbot2-1": {"plugins": {"sim": {"model": "evbot2", "lidar": {"rays": 90, "max_range_m": 1.5}}}},
@@ -160,3 +161,16 @@ def test_wrong_bridges_and_settings_are_named(file: Path) -> None:
         done = CliRunner().invoke(app, ["bridge", *arguments, "--fleet", str(file)])
         assert done.exit_code == 2
         assert problem in " ".join(done.output.split())
+
+
+def test_a_robot_that_is_absent_at_the_start_is_named(peer: Ros2Peer, tmp_path: Path) -> None:
+    robots = {"far-1": {"address": f"tcp/127.0.0.1:{free_port()}"}, "near-1": {"plugins": {"sim": {"model": "roomba"}}}}
+    file = tmp_path / "absent.yaml"
+    file.write_text(json.dumps({"version": 1, "name": "absent", "robots": robots}))
+    with Fleet.load(file) as fleet, log_lines() as lines:
+        bridge, settings = EALPluginManager().bridge("ros2", {"router": peer.endpoint})
+        with bridge.open_bridge(fleet, settings):
+            told = [line for line in lines.getvalue().splitlines() if "these robots are" in line]
+            assert len(told) == 1
+            assert "absent" in told[0]
+            assert "far-1" in told[0]

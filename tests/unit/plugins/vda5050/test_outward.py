@@ -14,8 +14,9 @@ from vda5050 import Action, ActionParameter, BlockingType, OrderBuilder
 
 from eal_actors import Fleet
 from eal_actors.managers.plugins import EALPluginManager
+from tests.log_lines import log_lines
 from tests.unit.plugins.mqtt.rig import Broker, Device, error_of
-from tests.unit.plugins.ros2.rig import wait_for
+from tests.unit.plugins.ros2.rig import free_port, wait_for
 from tests.unit.plugins.served_robot import served_robot
 from tests.unit.plugins.vda5050.rig import Judge, SdkMaster
 
@@ -223,3 +224,16 @@ def test_wrong_orders_are_refused_by_name_and_move_nothing(broker: Broker, tmp_p
         assert list(truth.get_value().get().value) == pytest.approx(begin)
         master.run(master.client.dispatch(order("D", (1.0, 0.5), (1.2, 0.5)), TARGET))
         wait_for(lambda: truth.get_value().get().value[0] > 1.15, "it does not drive after them")
+
+
+def test_a_robot_that_is_absent_at_the_start_is_named(broker: Broker, tmp_path: Path) -> None:
+    robots = {"far-1": {"address": f"tcp/127.0.0.1:{free_port()}"}, "near-1": {"plugins": {"sim": {"model": "roomba"}}}}
+    file = tmp_path / "absent.yaml"
+    file.write_text(json.dumps({"version": 1, "name": "absent", "robots": robots}))
+    with Fleet.load(file) as fleet, log_lines() as lines:
+        bridge, settings = EALPluginManager().bridge("vda5050", {"broker": broker.url})
+        with bridge.open_bridge(fleet, settings):
+            told = [line for line in lines.getvalue().splitlines() if "these robots are" in line]
+            assert len(told) == 1
+            assert "absent" in told[0]
+            assert "far-1" in told[0]
