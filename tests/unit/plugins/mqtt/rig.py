@@ -103,8 +103,8 @@ class Device:
             self._client.subscribe(topic, qos=1)
         wait_for(lambda: len(self._subscribed) == len(topics), "the device is not subscribed")
 
-    def say(self, topic: str, message: str | bytes, *, retain: bool = False, qos: int = 1) -> None:
-        self._client.publish(topic, message, qos, retain)
+    def say(self, topic: str, message: str | bytes, *, retain: bool = False, qos: int = 1) -> paho.MQTTMessageInfo:
+        return self._client.publish(topic, message, qos, retain)
 
     def break_off(self) -> None:
         """Lose the connection without a farewell, so that the broker publishes the last will."""

@@ -221,6 +221,7 @@ def test_wrong_orders_are_refused_by_name_and_move_nothing(broker: Broker, tmp_p
             )
         for _ in range(500):
             intruder.say("uagv/v2/EAL/roomba-1/order", b"{", qos=0)
+        intruder.say("uagv/v2/EAL/roomba-1/order", b"{").wait_for_publish(10)  # the broker has the others too
         assert list(truth.get_value().get().value) == pytest.approx(begin)
         master.run(master.client.dispatch(order("D", (1.0, 0.5), (1.2, 0.5)), TARGET))
         wait_for(lambda: truth.get_value().get().value[0] > 1.15, "it does not drive after them")
