@@ -36,7 +36,7 @@ from eal_actors.managers.keys.certificates import (
     make_authority,
     make_certificate,
 )
-from eal_actors.managers.keys.expiry import expires_soon, time_left
+from eal_actors.managers.keys.expiry import day_or_minute, expires_soon, time_left
 from eal_actors.managers.keys.revocation import REVOKED, require_not_revoked, revoked_names
 from eal_actors.managers.network_model import BEHIND_ROUTER, parse_endpoint
 
@@ -283,7 +283,8 @@ def _rights(fleet: FleetConfig, name: str) -> str:
 def print_made(certificate: Certificate) -> None:
     """Print what was made."""
     hosts = f" for {', '.join(certificate.hosts)}" if certificate.hosts else ""
-    print_line(stderr(), f"{short_path(certificate.file)}: made{hosts}, valid until {certificate.expires:%Y-%m-%d}")
+    until = day_or_minute(certificate.expires, wall_time())
+    print_line(stderr(), f"{short_path(certificate.file)}: made{hosts}, valid until {until}")
 
 
 def print_to_copy(certificate: Certificate) -> None:

@@ -179,6 +179,13 @@ class TestCertificates:
     def test_a_missing_certificate_is_a_problem(self, eal: Any, secured: Path) -> None:
         assert ("problem", f"{secured.parent}/keys/one.pem is missing") in self.check(eal, secured)
 
+    def test_a_revoked_certificate_is_a_problem(self, eal: Any, secured: Path) -> None:
+        make_certificate(secured.parent / "keys", "one", ["127.0.0.1"])
+        (revoked := secured.parent / "keys/revoked.txt").write_text("controller\n")
+        assert [it for it in self.check(eal, secured) if it[0] == "problem"] == [("problem", "controller is revoked")]
+        revoked.write_text("no name\n")
+        assert ("problem", f"{revoked}:1:1: 'no name' is not the name of a certificate") in self.check(eal, secured)
+
     def test_an_open_key_a_foreign_authority_and_a_wrong_host(self, eal: Any, secured: Path) -> None:
         keys = secured.parent / "keys"
         make_authority(secured.parent / "other", "g")

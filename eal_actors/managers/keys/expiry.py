@@ -1,4 +1,4 @@
-"""When certificates expire, read without the package `cryptography`, which robots need not have.
+"""When certificates cease to be valid, read without the package `cryptography`, which robots need not have.
 
 A warning never prevents anything: a file that cannot be read gives none here and is reported where it is used. A read
 certificate is kept until its file changes, since each ping asks.
@@ -15,7 +15,9 @@ from pathlib import Path
 from typing import Final
 
 from eal_actors.kernel.clock import wall_time
+from eal_actors.kernel.errors import ConfigError
 from eal_actors.managers.keys.certificates import AUTHORITY, certificate_file
+from eal_actors.managers.keys.revocation import revoked_names
 from eal_actors.managers.network_model import SecurityConfig
 
 _SOON: Final = timedelta(days=30)
@@ -71,11 +73,19 @@ def time_left(ends: datetime, now: datetime) -> str:
     return f"in {left.days} days" if left >= timedelta(days=2) else f"in {int(left.total_seconds() // 3600)} hours"
 
 
+def day_or_minute(ends: datetime, now: datetime) -> str:
+    """Return for people when a certificate ceases to be valid: the day, and within two days the minute, in UTC."""
+    return f"{ends:%Y-%m-%d}" if ends - now >= timedelta(days=2) else f"{ends:%Y-%m-%d %H:%M} UTC"
+
+
 def certificate_warnings(security: SecurityConfig | None, name: str, *, only_invalid: bool = False) -> list[str]:
-    """Return a warning if this end's certificate or the authority's is not valid or, else, is about to expire."""
+    """Return warnings if this end's certificate is revoked, or it or the authority's is not valid or expires soon."""
     found: list[str] = []
     if security is None:
         return found
+    with suppress(ConfigError):  # a list that cannot be read is reported when the network opens
+        if name in revoked_names(security.keys):
+            found.append(f"the certificate {name} is revoked: its owner needs one with another name")
     now = wall_time()
     for owner in (name, AUTHORITY):
         with suppress(OSError, ValueError):

@@ -12,9 +12,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from eal_actors.kernel.clock import wall_time
+from eal_actors.kernel.errors import ConfigError
 from eal_actors.managers.fleet_model import FleetConfig, RobotConfig
 from eal_actors.managers.keys.certificates import AUTHORITY, DASHBOARD, certificate_file, folder_of, key_file
-from eal_actors.managers.keys.expiry import expires_soon, time_left
+from eal_actors.managers.keys.expiry import day_or_minute, expires_soon, time_left
+from eal_actors.managers.keys.revocation import revoked_names
 from eal_actors.managers.network_model import BEHIND_ROUTER, SecurityConfig, parse_endpoint
 from eal_actors.operate.doctor.diagnostic import Diagnostic, ok, problem, warning
 
@@ -89,6 +91,7 @@ def _check_one(folder: Path, wanted: RequiredCertificate, authority: Certificate
         return
     before, after = certificate.not_valid_before_utc, certificate.not_valid_after_utc
     findings = [
+        *_revoked(folder, wanted.name),
         *judge_validity(wanted, before, after, wall_time()),
         *_chain(wanted.name, certificate, authority),
         *_names(wanted, certificate),
@@ -96,7 +99,16 @@ def _check_one(folder: Path, wanted: RequiredCertificate, authority: Certificate
     ]
     yield from findings
     if not findings:
-        yield ok(_AREA, f"{wanted.name} is valid until {after:%Y-%m-%d}")
+        yield ok(_AREA, f"{wanted.name} is valid until {day_or_minute(after, wall_time())}")
+
+
+def _revoked(folder: Path, name: str) -> Iterator[Diagnostic]:
+    try:
+        if name in revoked_names(folder):
+            advice = "On the machine with the authority, make a certificate with another name with `eal keys`."
+            yield problem(_AREA, f"{name} is revoked", advice)
+    except ConfigError as error:
+        yield problem(_AREA, error.message, "Copy the file from the machine with the authority.")
 
 
 def judge_validity(

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import stat
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from ipaddress import ip_address
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from eal_actors.kernel.clock import wall_time
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.managers.keys import expiry
 from eal_actors.managers.keys.certificates import check_keys, list_certificates, make_authority, make_certificate
+from eal_actors.managers.keys.revocation import REVOKED, revoke
 from eal_actors.managers.network_model import SecurityConfig
 
 
@@ -191,3 +192,21 @@ def test_warnings_say_whether_a_certificate_expires_or_has_expired(
         assert [it for it in expiry.certificate_warnings(security, "r1") if "r1" in it] == warnings
         invalid = expiry.certificate_warnings(security, "r1", only_invalid=True)
         assert [it for it in invalid if "r1" in it] == warnings * refused
+
+
+def test_a_revoked_name_is_told_why_it_is_refused(folder: Path) -> None:
+    make_certificate(folder, "anna")
+    security = SecurityConfig(folder, "anna", ())
+    assert expiry.certificate_warnings(security, "anna", only_invalid=True) == []
+    revoke(folder, ["anna"])
+    assert expiry.certificate_warnings(security, "anna", only_invalid=True) == [
+        "the certificate anna is revoked: its owner needs one with another name"
+    ]
+    (folder / REVOKED).write_text("no name\n")  # reported when the network opens
+    assert expiry.certificate_warnings(security, "anna", only_invalid=True) == []
+
+
+def test_the_end_of_a_short_lifetime_has_its_minute() -> None:
+    now = datetime(2026, 3, 1, 8, 0, tzinfo=UTC)
+    assert expiry.day_or_minute(now + timedelta(hours=8), now) == "2026-03-01 16:00 UTC"
+    assert expiry.day_or_minute(now + timedelta(days=90), now) == "2026-05-30"
