@@ -53,10 +53,11 @@ def check_plugins(config: FleetConfig) -> tuple[set[Problem], list[str]]:
     """
     manager = EALPluginManager(config.plugin_dirs)
     problems = set(shared_ports(config.robots.values(), manager.manifests))
+    problems.update(manager.check_together(config.robots.values(), config.world))
     warnings = [str(error) for error in manager.errors]
     for robot in config.robots.values():
         for instance, settings in robot.plugins.items():
-            wrong, broken = manager.check(replace(robot, plugins={instance: settings}), config.world)
+            wrong, broken = manager.check(replace(robot, plugins={instance: settings}))
             problems.update(wrong)
             for error in broken:
                 if manager.manifests[settings.plugin].missing_modules():

@@ -50,8 +50,18 @@ class PluginSettingsModel(StrictModel):
         """
         return {}
 
-    def refused_in(self, world: WorldModel) -> Mapping[str, str]:  # noqa: ARG002  # to be overridden
-        """Return why these settings do not fit the fleet's world, by their keys; `eal check` reports it."""
+    @classmethod
+    def refused_in(
+        cls,
+        services: FleetServices,  # noqa: ARG003  # to be overridden
+        robots: Mapping[str, Self],  # noqa: ARG003
+    ) -> Mapping[str, Mapping[str, str]]:
+        """Return why settings do not fit the fleet's world or one another, by robot and key; `eal check` reports it.
+
+        Args:
+            services: those of a fleet that is only checked, with its `world`.
+            robots: the settings of this plugin, by the robots of one process.
+        """
         return {}
 
 

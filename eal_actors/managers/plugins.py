@@ -10,6 +10,7 @@ import sys
 import threading
 import zlib
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
@@ -34,6 +35,7 @@ from eal_actors.device.plugin_context import (
 from eal_actors.device.ports import BytePort
 from eal_actors.device.resource import Resource
 from eal_actors.device.world import WorldModel
+from eal_actors.kernel.clock import SystemClock
 from eal_actors.kernel.errors import ArgumentError, ConfigError, EALError, PluginError, Problem, error_text
 from eal_actors.kernel.strict_model import model_of, wording_of
 from eal_actors.managers.fleet_model import PluginSettings, RobotConfig
@@ -151,23 +153,40 @@ class EALPluginManager:
     def __init__(self, plugin_dirs: Iterable[Path] = ()) -> None:
         self.manifests, self.errors = discover(plugin_dirs)
 
-    def check(self, robot: RobotConfig, world: WorldModel | None = None) -> tuple[list[Problem], list[PluginError]]:
-        """Return the problems of a robot's plugins in the file, and the errors of those that do not import.
-
-        With the fleet's world, settings that do not fit it are problems too.
-        """
+    def check(self, robot: RobotConfig) -> tuple[list[Problem], list[PluginError]]:
+        """Return the problems of a robot's plugins in the file, and the errors of those that do not import."""
         problems: list[Problem] = []
         broken: list[PluginError] = []
         for settings in robot.plugins.values():
             try:
-                checked = self._checked_settings(settings)[2]
-                refused = checked.refused_in(world) if checked is not None and world is not None else {}
-                problems += [settings.problem((key,), message) for key, message in refused.items()]
+                self._checked_settings(settings)
             except ConfigError as error:
                 problems.extend(error.problems)
             except PluginError as error:
                 broken.append(error.at(robot.name))
         return problems, broken
+
+    def check_together(self, robots: Iterable[RobotConfig], world: WorldModel | None) -> list[Problem]:
+        """Return the problems of settings that do not fit the fleet's world or one another.
+
+        Settings that `check` refuses are left out. A robot with an address is checked alone: it may have a process, and
+        so a simulated world, of its own.
+        """
+        processes: dict[tuple[str | None, type[PluginSettingsModel]], dict[str, tuple[PluginSettings, Any]]] = {}
+        for robot in robots:
+            for settings in robot.plugins.values():
+                with suppress(ConfigError, PluginError):
+                    if (checked := self._checked_settings(settings)[2]) is not None:
+                        process = robot.name if robot.address is not None else None
+                        processes.setdefault((process, type(checked)), {})[robot.name] = settings, checked
+        problems = []
+        for (_, model), found in processes.items():
+            services = FleetServices(SystemClock(), world=world)
+            refused = model.refused_in(services, {name: checked for name, (_, checked) in found.items()})
+            problems += [
+                found[name][0].problem((key,), why) for name, one in refused.items() for key, why in one.items()
+            ]
+        return problems
 
     def check_change(self, former: RobotConfig, robot: RobotConfig) -> list[Problem]:
         """Return the problems of a robot whose settings change while its fleet is open; both pass `check`."""

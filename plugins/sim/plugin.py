@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import importlib.util
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Self
 
 from pydantic import model_validator
 from typing_extensions import override
 
-from eal_actors.device.world import WorldModel
 from eal_actors.plugin import (
     FactoryPlugin,
     Field,
+    FleetServices,
     PluginContext,
+    PluginError,
     PluginSettingsModel,
     Resource,
     WheelCalibration,
@@ -23,7 +24,6 @@ from eal_actors.plugin import (
 )
 
 from . import resources
-from .arena import is_inside
 from .faults import SENSORS, FaultPlan, PlannedFault
 from .models import MAKES, MakeName
 from .overhead import open_camera
@@ -113,13 +113,28 @@ class Settings(PluginSettingsModel):
         return dict.fromkeys(changed, "cannot change while the robot is in the simulated world; close the fleet first")
 
     @override
-    def refused_in(self, world: WorldModel) -> dict[str, str]:
-        """Refuse a start outside the room, or in one of its walls."""
-        if self.start is None or is_inside(world, self.start.x_m, self.start.y_m, MAKES[self.model].radius_m):
-            return {}
-        half_x_m, half_y_m = (size_m / 2 for size_m in world.size_m)
-        room = f"the world {world.name!r}, which reaches from {-half_x_m:g} to {half_x_m:g} m in x"
-        return {"start": f"the robot does not fit there into {room} and from {-half_y_m:g} to {half_y_m:g} m in y"}
+    @classmethod
+    def refused_in(cls, services: FleetServices, robots: Mapping[str, Self]) -> dict[str, dict[str, str]]:
+        """Refuse starts outside the room, or where something else is."""
+        world, refused = world_of(services), {}
+        for name, settings in robots.items():
+            try:
+                settings.join(world, name)
+            except PluginError as error:
+                refused[name] = {"start": error.message}
+        return refused
+
+    def join(self, world: SimWorld, name: str) -> SimRobot:
+        """Put a robot into the world. Raises PluginError: its start is not free, or it is there with other settings."""
+        at = self.start
+        return world.join(
+            name,
+            MAKES[self.model] if self.calibrated else MAKES[self.model].uncalibrated(),
+            noise=self.noise,
+            start=(float(at.x_m), float(at.y_m), math.radians(at.yaw_deg)) if at else None,
+            charge=self.charge,
+            calibration=self.calibration,
+        )
 
 
 def _left_out(context: PluginContext) -> dict[str, str]:
@@ -177,18 +192,8 @@ def connect(context: PluginContext) -> SimPlugin:
     Raises:
         PluginError: its start is not free, or it is in the world with other settings.
     """
-    settings, world = context.settings, world_of(context.services)
-    at = settings.start
-    start = (float(at.x_m), float(at.y_m), math.radians(at.yaw_deg)) if at else None
-    make = MAKES[settings.model] if settings.calibrated else MAKES[settings.model].uncalibrated()
-    robot = world.join(
-        context.robot,
-        make,
-        noise=settings.noise,
-        start=start,
-        charge=settings.charge,
-        calibration=settings.calibration,
-    )
+    world = world_of(context.services)
+    robot = context.settings.join(world, context.robot)
     beside = ("Faults", "TruePose")  # link faults do not affect these: they are not part of the robot
     context.services.link(context.robot).spare(beside + tuple(f"{context.instance}.{name}" for name in beside))
     return SimPlugin(context, world, robot)

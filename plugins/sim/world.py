@@ -176,11 +176,8 @@ class SimWorld:
             return robot
 
     def _start_at(self, robot: SimRobot, start: Pose2D) -> None:
-        if not self._is_free(start, robot.make.radius_m, robot.filter):
-            raise PluginError(
-                f"robot {robot.name!r} cannot start at x {start[0]:g} m, y {start[1]:g} m: it would touch another "
-                f"robot, a box, an obstacle or a wall of the world {self.model.name!r}, or be outside"
-            )
+        if (why := self._why_taken(start, robot.make.radius_m, robot.filter)) is not None:
+            raise PluginError(f"robot {robot.name!r} cannot start at x {start[0]:g} m, y {start[1]:g} m: {why}")
         self._place(robot, start)
         self._without_start.discard(robot)
         if robot in self._waiting:
@@ -195,11 +192,8 @@ class SimWorld:
         """
         if robot.motion is not None:
             raise UnavailableError(f"robot {robot.name!r} is driven: halt it before you move it")
-        if not self._is_free(pose, robot.make.radius_m, robot.filter):
-            raise ArgumentError(
-                f"robot {robot.name!r} cannot stand at x {pose[0]:g} m, y {pose[1]:g} m: it would touch another "
-                "robot, a box, an obstacle or a wall, or be outside"
-            )
+        if (why := self._why_taken(pose, robot.make.radius_m, robot.filter)) is not None:
+            raise ArgumentError(f"robot {robot.name!r} cannot stand at x {pose[0]:g} m, y {pose[1]:g} m: {why}")
         self._place(robot, pose)
 
     def start(self, robot: SimRobot, motion: WheelMotion) -> None:
@@ -325,7 +319,7 @@ class SimWorld:
             free = (
                 number
                 for number, spot in enumerate(spots)
-                if is_on_floor(self.model, spot, radius_m) and self._is_free(spot, radius_m)
+                if is_on_floor(self.model, spot, radius_m) and self._why_taken(spot, radius_m) is None
             )
             if (number := next(free, None)) is not None:
                 self._place(robot, spots.pop(number))
@@ -349,12 +343,18 @@ class SimWorld:
         self.version += 1
         self._queries.is_stale = True
 
-    def _is_free(self, pose: Pose2D, radius_m: float, ignoring: pymunk.ShapeFilter | None = None) -> bool:
+    def _why_taken(self, pose: Pose2D, radius_m: float, ignoring: pymunk.ShapeFilter | None = None) -> str | None:
+        """Return why a robot cannot stand there; None if it can."""
         x_m, y_m, _ = pose
         if not is_inside(self.model, x_m, y_m, radius_m):
-            return False
-        space = self._queries.space
-        return space.point_query_nearest((x_m, y_m), radius_m, ignoring or pymunk.ShapeFilter()) is None
+            half_x_m, half_y_m = (size_m / 2 for size_m in self.model.size_m)
+            room = f"the world {self.model.name!r} reaches from {-half_x_m:g} to {half_x_m:g} m in x"
+            return f"{room} and from {-half_y_m:g} to {half_y_m:g} m in y"
+        nearest = self._queries.space.point_query_nearest((x_m, y_m), radius_m, ignoring or pymunk.ShapeFilter())
+        if nearest is None:
+            return None
+        name = self._queries.names[nearest.shape]
+        return f"it would touch {f'robot {name!r}' if name in self._robots else name}"
 
 
 def _natural_key(name: str) -> tuple[list[str | int], str]:

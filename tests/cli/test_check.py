@@ -67,9 +67,35 @@ def test_a_start_outside_the_world_is_a_problem(eal: Any, write: Any) -> None:
     where, what = told(result.stdout)[0].split(": ", 1)
     assert len(told(result.stdout)) == 1
     assert where == f"{fleet}:5:45"
-    assert what.startswith(
-        "robots.b.plugins.sim.start: the robot does not fit there into the world 'lab', which reaches"
+    assert what == (
+        "robots.b.plugins.sim.start: robot 'b' cannot start at x -3.9 m, y 0 m: the world 'lab' reaches from -4 to 4 m "
+        "in x and from -3 to 3 m in y"
     )
+
+
+def test_starts_inside_each_other_and_outside_the_default_room_are_problems(eal: Any, write: Any) -> None:
+    robot = "{plugins: {sim: {model: roomba, start: {x_m: %s, y_m: 0}}}}"
+    served = "{address: tcp/127.0.0.1:%s, plugins: {sim: {model: roomba, start: {x_m: 1, y_m: 0}}}}"
+    robots = {"a": robot % 0, "b": robot % 0.1, "c": robot % 3, "d": served % 50001, "e": served % 50002}
+    lines = "".join(f"  {name}: {text}\n" for name, text in robots.items())
+    fleet = write("close.yaml", f"version: 1\nrobots:\n{lines}")
+    result = eal("check", fleet)
+    assert result.exit_code == 2
+    start, room = (
+        "plugins.sim.start: robot",
+        "the world 'empty-room' reaches from -3 to 3 m in x and from -2 to 2 m in y",
+    )
+    assert told(result.stdout) == [
+        f"{fleet}:4:45: robots.b.{start} 'b' cannot start at x 0.1 m, y 0 m: it would touch robot 'a'",
+        f"{fleet}:5:45: robots.c.{start} 'c' cannot start at x 3 m, y 0 m: {room}",
+    ]
+
+
+def test_a_start_in_an_obstacle_is_a_problem(eal: Any, write: Any) -> None:
+    write("w.yaml", "version: 1\nname: w\nsize_m: [4, 4]\nobstacles: [{kind: circle, x_m: 1, y_m: 0, radius_m: 0.2}]\n")
+    robot = "{plugins: {sim: {model: roomba, start: {x_m: 1, y_m: 0.2}}}}"
+    result = eal("check", write("in.yaml", f"version: 1\nworld: w.yaml\nrobots:\n  a: {robot}\n"))
+    assert "cannot start at x 1 m, y 0.2 m: it would touch obstacles[0] (circle at x 1 m, y 0 m)" in result.stdout
 
 
 def test_problems_are_sorted_and_good_files_are_still_told(eal: Any, write: Any, slides: Path) -> None:

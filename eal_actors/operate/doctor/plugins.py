@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
-from eal_actors.kernel.errors import Problem
 from eal_actors.managers.fleet_model import FleetConfig, RobotConfig
 from eal_actors.managers.manifest import PluginManifest
 from eal_actors.managers.plugins import EALPluginManager
@@ -19,12 +18,13 @@ def check_plugins(config: FleetConfig, here: Iterable[RobotConfig]) -> Iterator[
     manager = EALPluginManager(config.plugin_dirs)
     for unread in manager.errors:
         yield warning(_AREA, str(unread), "Correct its plugin.yaml; other plugins are not affected.")
-    problems: dict[Problem, None] = {}
+    here = list(here)
+    problems = dict.fromkeys(manager.check_together(here, config.world))
     fine: set[str] = set()
     findings: dict[Diagnostic, None] = {}
     for robot in here:
         for instance, settings in robot.plugins.items():
-            wrong, broken = manager.check(replace(robot, plugins={instance: settings}), config.world)
+            wrong, broken = manager.check(replace(robot, plugins={instance: settings}))
             problems.update(dict.fromkeys(wrong))
             findings.update((_broken(manager.manifests[settings.plugin], error.message), None) for error in broken)
             if not wrong and not broken:
