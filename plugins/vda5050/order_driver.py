@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any, Final
 
 from eal_actors import EALData, EALError, Future, RobotHandle
@@ -15,6 +16,7 @@ BASE: Final = "Base"
 _DRIVE_S: Final = 3600.0
 """Deadline of the way to a node."""
 _CONFIG_S: Final = 5.0
+_HALT_AGAIN_S: Final = 1.0
 
 
 class OrderDriver:
@@ -35,12 +37,19 @@ class OrderDriver:
         self._usual: Future[EALData] | None = None
         self._limit: tuple[float, Future[int]] | None = None
         self._restoring: Future[int] | None = None
+        self._halting: Future[int] | None = None
+        self._halt_again_s = 0.0
 
     @property
     def is_driving(self) -> bool:
-        """Whether the robot is on its way to a node, or its base carries out an action."""
+        """Whether the robot is on its way to a node, its base carries out an action, or it has not confirmed a halt."""
         is_at_base = self._working is not None and self._working[0].parameters()["resource"] == BASE
-        return self._driving is not None or is_at_base
+        return self._driving is not None or is_at_base or self.is_halting
+
+    @property
+    def is_halting(self) -> bool:
+        """Whether the robot has not confirmed a halt."""
+        return self._halting is not None
 
     @property
     def is_busy(self) -> bool:
@@ -56,24 +65,29 @@ class OrderDriver:
         """Hear of what is over, and begin the next node or action unless held; a robot is placed if it has a pose."""
         self._hear_of_node()
         self._hear_of_action()
-        if not self._is_restored() or is_held or self.is_busy:
+        if not self._is_halted() or not self._is_restored() or is_held or self.is_busy:
             return
         if self._waiting:
             self._begin_action(self._waiting.pop(0))
         elif (node := self._book.next_node()) is not None:
             self._drive_to(node, is_placed=is_placed)
 
-    def stop(self) -> None:
-        """Halt the robot; the node is to be reached all the same."""
-        self._driving = None
-        try:
-            self._robot[BASE].halt()
-        except EALError as error:
-            self._log.error("could not be halted", reason=error.message)
+    def stop(self) -> Future[int]:
+        """Halt the robot, again and again until it confirms it; the node is to be reached all the same.
 
-    def cancel(self) -> None:
-        """Halt the robot, and forget the order."""
-        self.stop()
+        Returns the outcome of the first halt.
+        """
+        self._driving, self._halt_again_s = None, time.perf_counter() + _HALT_AGAIN_S
+        try:
+            self._halting = self._robot[BASE].halt()
+        except EALError as error:  # a reload starts the robot anew
+            self._halting = Future()
+            self._halting.fail(error)
+        return self._halting
+
+    def cancel(self) -> Future[int]:
+        """Forget the order, and halt the robot; see `stop`."""
+        halting = self.stop()
         if self._working is not None:
             self._waiting.append(self._working[0])
             self._working[1].cancel()
@@ -81,6 +95,7 @@ class OrderDriver:
             self._report.set_action(action, "FAILED", "cancelled")
         self._waiting, self._working = [], None
         self._let_go()
+        return halting
 
     def _drive_to(self, node: Node, *, is_placed: bool) -> None:
         position, edge = node.node_position, self._book.edge_to(node)
@@ -174,6 +189,15 @@ class OrderDriver:
             self._robot.release()
         else:
             self._restoring = self._robot[BASE].set_config("speed_m_s", usual.get().value, timeout_s=_CONFIG_S)
+
+    def _is_halted(self) -> bool:
+        """Return whether the robot has confirmed the last halt; repeat one that did not reach it."""
+        if self._halting is not None and self._halting.done():
+            if self._halting.exception() is None:
+                self._halting, self._report.is_due = None, True
+            elif time.perf_counter() >= self._halt_again_s:
+                self.stop()
+        return self._halting is None
 
     def _is_restored(self) -> bool:
         """Return whether nothing is left of the last order; release the robot once its speed is restored."""

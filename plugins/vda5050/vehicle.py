@@ -46,6 +46,7 @@ class FleetVehicle:
         self._charge = _UNKNOWN_CHARGE
         self._is_paused = False
         self._placing: tuple[AgvAction, tuple[float, float, float], Future[int]] | None = None
+        self._stopping: list[tuple[AgvAction, Future[int]]] = []
         self._state_due_s = 0.0
         self._pose_due_s = 0.0
 
@@ -64,6 +65,7 @@ class FleetVehicle:
             for message in (*self._topics.instant_actions(), *self._topics.orders()):
                 self._take(message)
             self._hear_of_place()
+            self._hear_of_halts()
             is_held = self._is_paused or self._report.is_fatal
             self._driver.go_on(is_held=is_held, is_placed=self._pose is not None)
         except EALError as error:
@@ -127,28 +129,37 @@ class FleetVehicle:
             problem = "unknown action" if handle is None else handle(action)
         except (EALError, KeyError, TypeError, ValueError, OverflowError) as error:
             problem = str(error)
-        if self._placing is not None and self._placing[0] is action:
+        if any(one is action for one in (self._placing or ())[:1] + tuple(begun for begun, _ in self._stopping)):
             self._report.set_action(action, "RUNNING")
         else:
-            self._end_action(action, problem)
+            self._end_action(action, problem, "noOrderToCancel" if handle == self._cancel else "instantActionError")
 
-    def _end_action(self, action: AgvAction, problem: str | None) -> None:
+    def _end_action(self, action: AgvAction, problem: str | None, kind: str = "instantActionError") -> None:
         self._report.set_action(action, "FINISHED" if problem is None else "FAILED", problem)
         if problem is not None:
-            kind = "noOrderToCancel" if action.action_type == "cancelOrder" else "instantActionError"
             self._report.add(kind, problem, actionId=action.action_id)
 
-    def _cancel(self, _: AgvAction) -> str | None:
-        if not self._driver.has_order and not self._report.is_fatal:
+    def _cancel(self, action: AgvAction) -> str | None:
+        if not self._driver.has_order and not self._driver.is_halting and not self._report.is_fatal:
             return "there is no order to cancel"
-        self._driver.cancel()
+        self._stopping.append((action, self._driver.cancel()))
         self._report.clear()
         return None
 
-    def _pause(self, _: AgvAction) -> None:
+    def _pause(self, action: AgvAction) -> None:
         self._is_paused = True
         if self._driver.is_driving:
-            self._driver.stop()
+            self._stopping.append((action, self._driver.stop()))
+
+    def _hear_of_halts(self) -> None:
+        """End the actions whose halt the robot has confirmed, or could not be told."""
+        waiting, self._stopping = self._stopping, []
+        for action, halting in waiting:
+            if not halting.done():
+                self._stopping.append((action, halting))
+            else:
+                error = halting.exception()
+                self._end_action(action, None if error is None else f"the halt is repeated until it succeeds: {error}")
 
     def _resume(self, _: AgvAction) -> None:
         self._is_paused = False

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,9 @@ import pytest
 from vda5050 import Action, ActionParameter, BlockingType, OrderBuilder
 
 from eal_actors import Fleet
+from eal_actors.actors.robot_view import RobotState
+from eal_actors.facade.service import RobotService
+from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.plugins import EALPluginManager
 from tests.log_lines import log_lines
 from tests.unit.plugins.mqtt.rig import Broker, Device, error_of
@@ -139,12 +142,16 @@ def test_a_node_has_commands_that_run_fail_and_are_cancelled(broker: Broker, tmp
         assert [(one.error_type, one.error_level.value) for one in state().errors] == [("actionError", "FATAL")]
         assert "Horn" in state().errors[0].error_description
         master.run(master.client.cancel_order(TARGET))
-        wait_for(lambda: is_action("B-1", "FAILED") and not state().errors, "the order is not cancelled")
+        wait_for(
+            lambda: is_action("B-1", "FAILED") and not state().errors and not state().driving,
+            "the order is not cancelled",
+        )
 
         master.dispatch(order("C", (1.1, 0.5), actions=[far]))
         wait_for(lambda: is_action("C-0", "RUNNING") and base.get_status().get() == 1, "the command does not run")
         master.run(master.client.cancel_order(TARGET))
-        wait_for(lambda: is_action("C-0", "FAILED") and base.get_status().get() == 0, "the command is not cancelled")
+        wait_for(lambda: is_action("C-0", "FAILED") and not state().driving, "the command is not cancelled")
+        assert base.get_status().get() == 0
         master.dispatch(order("D", (float(truth.get_value().get().value[0]), 0.5), actions=[turn]))
         wait_for(lambda: is_action("D-0", "FINISHED"), "no order is taken afterwards")
 
@@ -178,7 +185,10 @@ def test_an_order_for_a_robot_that_another_controller_holds_fails_and_says_so(br
             assert [one.node_id for one in state().node_states] == ["n1"]
             holder["roomba-1"].release("Base").get()
             master.run(master.client.cancel_order(TARGET))
-            wait_for(lambda: not state().errors and not state().node_states, "the order is not cancelled")
+            wait_for(
+                lambda: not state().errors and not state().node_states and not state().driving,
+                "the order is not cancelled",
+            )
             master.dispatch(order("B", (0.0, 0.0), (0.3, 0.0)))
             wait_for(lambda: state().last_node_id == "n1", "it does not drive after the release")
             assert truth.get_value().get().value[0] == pytest.approx(0.3, abs=0.06)
@@ -238,3 +248,38 @@ def test_a_robot_that_is_absent_at_the_start_is_named(broker: Broker, tmp_path: 
             assert len(told) == 1
             assert "absent" in told[0]
             assert "far-1" in told[0]
+
+
+def test_a_cancellation_that_does_not_reach_the_robot_fails_and_its_halt_is_repeated(
+    broker: Broker, tmp_path: Path
+) -> None:
+    with SdkMaster(broker) as master, ExitStack() as service:
+        file = service.enter_context(served_robot(tmp_path, "roomba-1"))
+        bridge, settings = EALPluginManager().bridge("vda5050", {"broker": broker.url, "state_period_s": 0.2})
+
+        def state() -> Any:
+            return master.state("roomba-1")
+
+        def has_cancelled(status: str) -> bool:
+            return any(
+                (one.action_type, one.action_status.value) == ("cancelOrder", status) for one in state().action_states
+            )
+
+        with Fleet.load(file) as fleet, bridge.open_bridge(fleet, settings):
+            wait_for(lambda: state() is not None and state().agv_position is not None, "no position")
+            master.dispatch(order("A", (0.0, 0.0), (2.0, 0.0)))
+            wait_for(lambda: state().driving, "it does not drive")
+            service.close()
+            wait_for(lambda: fleet["roomba-1"].state is RobotState.LOST, "the robot is not lost")
+            cancel = {"actionType": "cancelOrder", "actionId": "c", "blockingType": "HARD", "actionParameters": []}
+            with Device(broker) as device:
+                head = {"headerId": 1, "timestamp": "2026-01-01T00:00:00.00Z", "version": "2.1.0"}
+                head |= {"manufacturer": "EAL", "serialNumber": "roomba-1", "actions": [cancel]}
+                device.say("uagv/v2/EAL/roomba-1/instantActions", json.dumps(head).encode())
+            wait_for(lambda: has_cancelled("FAILED"), "the cancellation does not fail")
+            assert not state().node_states
+            assert state().driving  # as far as anybody knows
+            assert any("the halt is repeated" in (one.error_description or "") for one in state().errors)
+            service.enter_context(RobotService(EALConfigManager.load(file).fleet, "roomba-1"))
+            wait_for(lambda: not state().driving, "the halt is not repeated")
+            service.close()
