@@ -33,7 +33,6 @@ from evbotos import (
 )
 from evbotos.apt_sources import newer_sources, sources_for
 from evbotos.errors import BuildError
-from evbotos.fields import overlay_file
 from evbotos.hashing import file_sha256, files_sha256, key_of
 from evbotos.hosttools import needed_for, require
 from evbotos.lock import Lock, LockedPackage, read_lock, require_lock
@@ -217,7 +216,7 @@ class Build:
         def make(out: Path) -> None:
             overlays.write_trees(kernel_folder, trees, names, out)
 
-        inputs = [kernel_folder.name, [file_sha256(overlay_file(name)) for name in names], trees]
+        inputs = [kernel_folder.name, [overlays.overlay_sha256(name) for name in names], trees]
         return Step("overlays", key_of(inputs, overlays), make)
 
     def _initrd_step(self, lock: Lock, kernel_folder: Path, base: Path) -> Step:
@@ -309,7 +308,7 @@ class Build:
         platform = self._platform
         wanted = [package for package in lock.build_packages if package.name in platform.boot_files]
         trees = [Path(name).name for name in platform.kernel.device_trees]
-        overlaid = [(name, file_sha256(overlay_file(name))) for name in platform.firmware_overlays]
+        overlaid = [(name, overlays.overlay_sha256(name)) for name in platform.firmware_overlays]
         files = [platform.boot_files, platform.boot_texts, trees, overlaid]
         inputs = [kernel_folder.name, [one.sha256 for one in wanted], *files]
 

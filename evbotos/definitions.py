@@ -16,6 +16,8 @@ from evbotos.model import LISTS, Image, Kernel, Local, Platform
 
 FOLDER: Final = Path(__file__).parent
 LOCAL: Final = "local.yaml"
+LIBCAMERA: Final = "libcamera-ipa"
+"""The package with libcamera's control of cameras on a cable."""
 
 _M = TypeVar("_M", bound=StrictModel)
 
@@ -107,7 +109,8 @@ def _for_image(platform: Platform, image: Image) -> Platform:
     """Return a platform with the drivers and the firmware that an image needs; Debian's kernels have all drivers."""
     wifi = platform.wifi if "wifi" in image.services else None
     changed: dict[str, object] = {} if wifi is None else {"packages": (*platform.packages, *wifi.packages)}
-    added = (*image.kernel_fragments, *(wifi.kernel_fragments if wifi is not None else ()))
+    camera = platform.camera_fragments if LIBCAMERA in image.packages else ()
+    added = (*image.kernel_fragments, *(wifi.kernel_fragments if wifi is not None else ()), *camera)
     if isinstance(kernel := platform.kernel, Kernel) and added:
         fragments = tuple(dict.fromkeys([*kernel.fragments, *added]))
         changed["kernel"] = kernel.model_copy(update={"fragments": fragments})

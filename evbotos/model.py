@@ -192,6 +192,8 @@ class Platform(StrictModel):
     """The packages of every image of this platform."""
     wifi: OwnWifi | None = None
     """The Wi-Fi of the board itself; None if it has none."""
+    camera_fragments: Fragments = ()
+    """Files of `evbotos/kernel/` with the drivers of the board's cameras on a cable, for images with libcamera."""
     overlays: Overlays = ()
     """Device tree overlays: files of `evbotos/overlays/` or others; later ones override earlier ones."""
     firmware_overlays: Overlays = ()

@@ -1,7 +1,7 @@
 """Device tree overlays: changes to the device trees of a board, such as a bus on its pins, that a user selects.
 
-An overlay is a source file of the device tree compiler. Its targets are paths (`target-path`), since the trees of the
-kernel have no symbols.
+An overlay is a source file of the device tree compiler. Its targets are labels of the board's device tree, or paths
+(`target-path`): the trees of Linux 6.1 have no labels. Files to `/include/` are next to it.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from tempfile import TemporaryDirectory
 
 from evbotos.errors import BuildError
 from evbotos.fields import overlay_file
+from evbotos.hashing import file_sha256
 from evbotos.hosttools import tool
 from evbotos.shell import run
 
@@ -28,6 +29,21 @@ def compile_overlay(name: str, out: Path) -> None:
         BuildError: it is malformed.
     """
     run([tool("dtc"), "-q", "-@", "-I", "dts", "-O", "dtb", "-o", out, overlay_file(name)])
+
+
+def overlay_sha256(name: str) -> str:
+    """Return the hash of a compiled overlay, which covers the files that it includes.
+
+    Args:
+        name: see `overlay_file`.
+
+    Raises:
+        BuildError: it is malformed.
+    """
+    with TemporaryDirectory() as folder:
+        compiled = Path(folder) / "dtbo"
+        compile_overlay(name, compiled)
+        return file_sha256(compiled)
 
 
 def write_trees(kernel_folder: Path, trees: Sequence[str], overlays: Sequence[str], out: Path) -> None:

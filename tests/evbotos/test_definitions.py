@@ -181,6 +181,14 @@ def test_an_image_adds_drivers_to_the_kernel_of_its_platform() -> None:
     assert "CONFIG_MAC80211=y" not in fragments_text(plain)
 
 
+def test_a_kernel_has_the_drivers_of_the_boards_cameras_for_images_with_libcamera() -> None:
+    found = load_definitions()
+    kernels = {name: found.chosen("raspberry-pi-5", name)[0].kernel for name in ("libcamera", "vision")}
+    for name, kernel in kernels.items():
+        assert isinstance(kernel, Kernel)
+        assert ("CONFIG_VIDEO_RP1_CFE=y" in fragments_text(kernel)) == (name == "libcamera")
+
+
 def test_a_real_time_task_preempts_the_unpacking_of_the_root_on_every_board() -> None:
     kernels = [platform.kernel for platform in load_definitions().platforms.values()]
     assert len(kernels) == 6

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 import pytest
@@ -30,12 +30,15 @@ DRIVERS = {
         "rp1-clk",
         "pinctrl-rp1",
         "i2c_designware",
+        "dw_spi_mmio",
+        "pwm-gpio",
     ),
     "pci": ("rp1_pci",),
     "sdio": ("brcmfmac",),
     "usb": ("rtl8xxxu",),
 }
 """By bus, as the kernel names them."""
+CAMERA_DRIVERS = {"platform": ("rp1-cfe", "pispbe"), "i2c": ("imx219", "imx296", "ov5647")}
 
 pytestmark = [pytest.mark.evbotos, pytest.mark.slow, pytest.mark.timeout(3600)]
 
@@ -52,13 +55,29 @@ def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Proof, M
         yield proof, machine
 
 
-def test_the_kernel_has_the_boards_drivers(machine: tuple[Proof, Machine]) -> None:
-    proof, booted = machine
-    missing = {
-        bus: set(names) - set(answer(proof, booted, f"ls /sys/bus/{bus}/drivers").split())
-        for bus, names in DRIVERS.items()
+def missing_drivers(proof: Proof, booted: Machine, wanted: Mapping[str, Iterable[str]]) -> dict[str, set[str]]:
+    """Return the drivers that a kernel lacks, by bus."""
+    return {
+        bus: missing
+        for bus, names in wanted.items()
+        if (missing := set(names) - set(answer(proof, booted, f"ls /sys/bus/{bus}/drivers").split()))
     }
-    assert not any(missing.values()), missing
+
+
+def test_the_kernel_has_the_boards_drivers(machine: tuple[Proof, Machine]) -> None:
+    assert not missing_drivers(*machine, DRIVERS)
+
+
+def test_the_kernel_of_images_with_libcamera_has_the_drivers_of_cameras_too(tmp_path: Path) -> None:
+    found = load_definitions()
+    platform, image = found.platform("raspberry-pi-5"), found.image("robot")
+    kernel = found.chosen("raspberry-pi-5", "libcamera")[0].kernel
+    proof = built_proof(platform.model_copy(update={"kernel": kernel}), image, tmp_path)
+    with started(proof, proof.built.folder / "disk.img") as booted:
+        wait_for_words(booted, SERVES)
+        assert not missing_drivers(proof, booted, {**CAMERA_DRIVERS, "pci": DRIVERS["pci"]})
+        heap = "stat -c '%U %G %a' /dev/dma_heap/default_cma_region"
+        assert answer(proof, booted, heap) == "root video 660\n"
 
 
 def test_the_radio_finds_its_firmware_and_settings(machine: tuple[Proof, Machine]) -> None:
