@@ -45,10 +45,8 @@ def run(*argv: str | Path, cwd: Path | None = None) -> str:
     return done.stdout + done.stderr
 
 
-@pytest.fixture(scope="module")
-def kernel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the device trees of the locked kernel, and their schema."""
-    out = tmp_path_factory.mktemp("kernel")
+def kernel_source(out: Path) -> Path:
+    """Unpack what the locked kernel says of device trees; return its folder."""
     found = load_definitions()
     platform, image = found.chosen(PLATFORM, "robot")
     lock_file = found.lock_path(platform, image)
@@ -58,6 +56,14 @@ def kernel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run("dpkg-deb", "-x", package, out)
     source = out / lock.kernel.name
     run("tar", "-xf", f"usr/src/{source.name}.tar.xz", *(f"{source.name}/{part}" for part in PARTS), cwd=out)
+    return source
+
+
+@pytest.fixture(scope="module")
+def kernel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the device trees of the locked kernel, and their schema."""
+    out = tmp_path_factory.mktemp("kernel")
+    source = kernel_source(out)
     folder = source / PARTS[2]
     cpp = ("cpp", "-nostdinc", "-undef", "-D__DTS__", "-xassembler-with-cpp", "-I", source / PARTS[3])
     for tree in TREES:
