@@ -33,6 +33,8 @@ HOST_KEY: Final = "host_ed25519"
 _KEY_TYPE: Final = b"ssh-ed25519"
 _QUIET: Final = {"MTOOLS_SKIP_CHECK": "1"}
 _REQUIRED: Final = ("fleet.yaml", "name")
+_END: Final = bytes(1024)
+"""The end of a tar; without it, files that came after a cut are missing."""
 
 
 def identity_files(fleet: Path, robot: str, access: dict[str, bytes], host_key: Ed25519PrivateKey) -> dict[str, bytes]:
@@ -106,9 +108,11 @@ def read_identity(identity: Path) -> dict[str, bytes]:
     """Return the files of an identity by name.
 
     Raises:
-        BuildError: the file is not an identity.
+        BuildError: the file is not an identity, or not a whole one.
     """
     try:
+        if not identity.read_bytes().endswith(_END):
+            raise BuildError(f"{identity} is not an identity of `evbotos provision`, or not a whole one")
         with tarfile.open(identity) as archive:
             found = {member.name: archive.extractfile(member) for member in archive if member.isfile()}
             files = {name: file.read() for name, file in found.items() if file is not None}

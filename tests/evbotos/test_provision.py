@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import re
 import stat
 import subprocess
+import tarfile
 from pathlib import Path
 
 import pytest
@@ -20,6 +22,7 @@ from cryptography.hazmat.primitives.serialization import (
 from eal_actors.managers.keys.certificates import make_authority, make_certificate
 from evbotos import identity
 from evbotos.errors import BuildError
+from evbotos.fields import ROOTFS
 from evbotos.hosttools import find_tool
 from evbotos.identity import dropbear_key, identity_files, put_identity, read_identity, write_identity
 from evbotos.model import Local
@@ -127,6 +130,36 @@ def test_an_identity_goes_onto_an_image_without_one_only(fleet: Path, tmp_path: 
     out.write_bytes(b"nothing")
     with pytest.raises(BuildError, match="is not an identity of `evbotos provision`"):
         put_identity(out, image)
+
+
+def taken_by_a_machine(identity_bytes: bytes, folder: Path) -> list[str]:
+    """Run the machine's program with an identity, in folders in place of its own; return the files that it keeps."""
+    for name in ("run", "data", "boot", "stick"):
+        (folder / name).mkdir(parents=True)
+    (folder / "run/data").touch()
+    (folder / "stick/one.identity.tar").write_bytes(identity_bytes)
+    text = (ROOTFS / "services/hotplug/usr/lib/evbotos/provision").read_text().replace("exec reboot", "exit 0")
+    for place, ours in {"/dev/console": "/dev/null", "/run/evbotos": f"{folder}/run"}.items():
+        text = text.replace(place, ours)
+    text = re.sub(r"(?<=[ =])/data/", f"{folder}/data/", text)
+    subprocess.run(["sh", "-c", text, "provision", folder / "stick"], check=False, capture_output=True, timeout=60)
+    return sorted(path.name for path in (folder / "data/robot").glob("**/*") if path.is_file())
+
+
+def test_an_identity_that_was_cut_at_the_end_of_a_file_is_refused(fleet: Path, tmp_path: Path) -> None:
+    """Tar takes it, and a robot without the files behind the cut, such as the key of updates, takes no other one."""
+    out = tmp_path / "one.identity.tar"
+    files = identity_files(fleet, "one", ACCESS, Ed25519PrivateKey.generate())
+    write_identity(files, out)
+    whole = out.read_bytes()
+    assert taken_by_a_machine(whole, tmp_path / "whole") == sorted(Path(name).name for name in files)
+    with tarfile.open(out) as archive:
+        ends = [member.offset for member in archive]
+    for end in ends:
+        assert taken_by_a_machine(whole[:end], tmp_path / f"cut{end}") == []
+        out.write_bytes(whole[:end])
+        with pytest.raises(BuildError, match="or not a whole one"):
+            read_identity(out)
 
 
 def test_a_fleet_that_is_not_secured_is_told_how(tmp_path: Path) -> None:
