@@ -64,7 +64,7 @@ def compile_tree(root: Path, folders: list[str], *, sourceless: bool, skip: str 
         *mode,
     ]
     # One process with a fixed hash seed; otherwise builds are not reproducible.
-    run([find_python(), "-m", "compileall", *how, *places], env={"PYTHONHASHSEED": "0", "PYTHONNOUSERSITE": "1"})
+    run([find_python(), "-P", "-m", "compileall", *how, *places], env={"PYTHONHASHSEED": "0", "PYTHONNOUSERSITE": "1"})
     if sourceless:
         for place in places:
             for source in place.rglob("*.py"):

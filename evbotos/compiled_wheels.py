@@ -22,7 +22,7 @@ from evbotos.shell import run
 
 SYSROOT: Final = ("libc6-dev", "libpython3-dev")
 """Debian packages of the sysroot, in addition to their dependencies."""
-_PIP: Final = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet")
+_PIP: Final = (sys.executable, "-P", "-m", "pip", "--disable-pip-version-check", "--quiet")
 _BUILD: Final = "import sys; from setuptools import build_meta; build_meta.build_wheel(sys.argv[1])"
 _COMPILE: Final = (
     'EVBOTOS_SDK="$1" && . "$1/environment" && export CFLAGS="$CFLAGS $PYTHON_CFLAGS" && exec "$2" -S -c "$3" "$4"'

@@ -174,7 +174,7 @@ class FleetRobots:
         """Return why a scenario fails; a robot that is not reached at once, in its first minute, is tried again."""
         self.fleet[robot].release()
         binds = [word for role in load_yaml(scenario).root["roles"] for word in ("--bind", f"{role}={robot}")]
-        words = [sys.executable, "-m", "eal_actors", "run", str(scenario), "--fleet", str(self.file), *binds]
+        words = [sys.executable, "-P", "-m", "eal_actors", "run", str(scenario), "--fleet", str(self.file), *binds]
         for _ in range(_TRIES):
             done = subprocess.run(words, capture_output=True, text=True, timeout=_LONG_S, check=False)  # noqa: S603
             if done.returncode == 0:

@@ -119,4 +119,4 @@ def _make_missing_keys(fleet: Path, robots: list[str]) -> None:
 
 def _eal_keys(*words: str, fleet: Path) -> str:
     """Run `eal keys`, which alone makes certificates."""
-    return run([sys.executable, "-m", "eal_actors", "keys", *words, "--fleet", fleet])
+    return run([sys.executable, "-P", "-m", "eal_actors", "keys", *words, "--fleet", fleet])

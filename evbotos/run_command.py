@@ -102,7 +102,7 @@ def trial_identity(folder: Path, local: Local) -> Path:
     folder.mkdir(mode=0o700, exist_ok=True)
     if not (folder / "keys/ca.pem").is_file():
         fleet.write_text(_TRIAL)
-        run([sys.executable, "-m", "eal_actors", "keys", "init", "--write", "--force", "--fleet", fleet])
+        run([sys.executable, "-P", "-m", "eal_actors", "keys", "init", "--write", "--force", "--fleet", fleet])
     if not ssh_key.is_file():
         key = Ed25519PrivateKey.generate()
         with os.fdopen(os.open(ssh_key, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:

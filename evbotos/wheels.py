@@ -90,7 +90,7 @@ def _download(platform: Platform, demands: list[str], folder: Path) -> None:
     options = ["--no-deps", "--only-binary=:all:", "--python-version", PYTHON, "--implementation", "cp"]
     for tag in platform.wheel_tags:
         options += ["--platform", tag]
-    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check"]
+    pip = [sys.executable, "-P", "-m", "pip", "--disable-pip-version-check"]
     run([*pip, "download", "--quiet", *options, "--dest", folder, *demands], timeout_s=900)
 
 

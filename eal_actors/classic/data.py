@@ -14,6 +14,7 @@ INT, CHAR, FLOAT = DataType.INT, DataType.CHAR, DataType.FLOAT
 DOUBLE, BOOL, VOID = DataType.DOUBLE, DataType.BOOL, DataType.VOID
 SENSOR, ACTUATOR = ResourceType.SENSOR, ResourceType.ACTUATOR
 COMMUNICATION, OTHER = ResourceType.COMMUNICATION, ResourceType.OTHER
+_MOST_BYTES: Final = 2**31 - 1  # the thesis's length is an int
 ISPTR: Final = True
 ISUNSIGNED: Final = True
 ISSHORT: Final = True
@@ -47,8 +48,7 @@ class EALDataInfo_t:
 
     def __eal_data__(self) -> EALData:
         """Return the value as EALData; see EALData.of."""
-        if self.length < 0:
-            raise DataError(f"length must be a number of bytes from 0, not {self.length}")
+        self._require_length()
         if self.data is None or (type(self.data) is int and self.data == 0):
             return self._from_memory(bytes(self.length or (0 if self.isPtr else self._c_type.width)))
         if isinstance(self.data, bytes) and self.isPtr:
@@ -77,9 +77,14 @@ class EALDataInfo_t:
             except UnicodeDecodeError:
                 self.data = read
             return len(read)
+        self._require_length()
         size = max(self.length, -(-len(read) // c_type.width) * c_type.width if self.isPtr else c_type.width)
         self.data = self._from_memory(read.ljust(size, b"\0")).value
         return len(read)
+
+    def _require_length(self) -> None:
+        if not 0 <= self.length <= _MOST_BYTES:
+            raise DataError(f"length must be a number of bytes from 0 to {_MOST_BYTES}, not {self.length}")
 
     @property
     def _modifiers(self) -> dict[str, Any]:

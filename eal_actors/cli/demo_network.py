@@ -28,7 +28,7 @@ from eal_actors.managers.network_model import IDENTITY_VARIABLE
 _STOP_S: Final = 5.0  # real seconds after which a server that has not ended is killed
 _LOOPBACK: Final = "127.0.0.1"
 _LOCAL: Final = re.compile(r"(?P<start>(tcp|tls)/(127\.0\.0\.1|localhost):)(?P<port>\d+)")
-_PROGRAM: Final = (sys.executable, "-m", "eal_actors")
+_PROGRAM: Final = (sys.executable, "-P", "-m", "eal_actors")
 
 
 def demo_network(

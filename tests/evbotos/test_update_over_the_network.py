@@ -91,6 +91,24 @@ def test_a_push_writes_the_other_slot_and_the_next_start_tries_it(robots: FleetR
     assert stage_of(after, update) is Stage.INSTALLED
 
 
+def test_a_copy_may_not_be_longer_than_a_message(
+    machine: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(machine, "_MOST_BYTES", 100)
+    (tmp_path / "device-a").write_bytes(ROOT)
+    update, session = update_in(tmp_path), machine.Session()
+    session.answer({"do": "begin", "signed": len(update.signed)}, update.signed + update.signature)
+    for length, words in ((100, None), (101, "a piece has up to 100 bytes")):
+        copy = machine._PIECE.pack(b"c", 1, 0, length) + machine._SOURCE.pack(1, 0)
+        if words is None:
+            session.answer({"do": "write"}, copy)
+        else:
+            with pytest.raises(machine.RefusedError, match=words):
+                session.answer({"do": "write"}, copy)
+    session.close()
+    assert (tmp_path / "device-b").read_bytes()[:100] == ROOT[:100]
+
+
 def test_what_the_robot_has_is_not_sent(robots: FleetRobots, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     told = sent_bytes(robots, monkeypatch)
     shifted = ROOT[:1_000_000] + b"an older file" + ROOT[1_010_000:]

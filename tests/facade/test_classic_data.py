@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from eal_actors.classic import (
@@ -57,6 +59,15 @@ def test_constructor_defaults_are_those_of_the_thesis() -> None:
     assert {INT, CHAR, FLOAT, DOUBLE, BOOL, VOID} == set(EALDataType_t)
 
 
-def test_a_length_below_zero_is_refused() -> None:
-    with pytest.raises(DataError, match="length must be a number of bytes from 0, not -1"):
-        EALDataInfo_t(INT, 0, -1).__eal_data__()
+@pytest.mark.parametrize("length", [-1, 2**62])
+@pytest.mark.parametrize("data", [0, b"a", "a"])
+def test_a_length_that_no_int_of_c_has_is_refused(length: int, data: Any) -> None:
+    value = EALDataInfo_t(CHAR, data, length, ISPTR)
+    with pytest.raises(DataError, match=f"length must be a number of bytes from 0 to 2147483647, not {length}"):
+        value.__eal_data__()
+
+
+def test_a_length_that_no_int_of_c_has_is_refused_by_a_read() -> None:
+    value = EALDataInfo_t(INT, 0, 2**62, ISPTR)
+    with pytest.raises(DataError, match="length must be a number of bytes"):
+        value.fill(bytes(4))

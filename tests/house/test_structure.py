@@ -52,6 +52,18 @@ def test_the_design_names_the_layers_of_the_import_contract() -> None:
     assert len(layers) <= 9
 
 
+def test_no_program_is_started_with_the_modules_of_the_working_folder() -> None:
+    """`python -m` puts that folder first: a file `eal_actors.py` there would run in place of the framework."""
+    found = [
+        f"{file.relative_to(ROOT)}:{node.lineno}"
+        for file in modules(*CODE)
+        for node in ast.walk(tree(file))
+        if isinstance(node, (ast.List, ast.Tuple))
+        and re.match(r"(sys\.executable|find_python\(\)), '-m'", ", ".join(map(ast.unparse, node.elts[:2])))
+    ]
+    assert not found, "\n".join(found)
+
+
 def test_no_function_is_too_complex() -> None:
     blocks = ((file, block) for file in modules(*CODE) for block in cc_visit_ast(tree(file)))
     found = [

@@ -127,7 +127,7 @@ class Rehearser:
     def _run(self, file: Path, parameters: Mapping[str, object]) -> dict[str, Any]:
         fleet = str(self._fleet_file.resolve())
         settings = [f"--set={name}={json.dumps(value, ensure_ascii=False)}" for name, value in parameters.items()]
-        command = [sys.executable, "-m", "eal_actors", "rehearse", str(file), "--fleet", fleet, "--json"]
+        command = [sys.executable, "-P", "-m", "eal_actors", "rehearse", str(file), "--fleet", fleet, "--json"]
         with subprocess.Popen(  # noqa: S603  # our own program; values of parameters are single arguments
             [*command, f"--seeds={SEEDS}", *settings],
             stdin=subprocess.DEVNULL,

@@ -69,22 +69,22 @@ class Dispatcher:
         """Return whether a message must be executed in a thread that may block."""
         return isinstance(message, _BLOCKING)
 
-    def execute(self, message: Any, browser: str, reply: Reply) -> None:
-        """Execute one of `messages` from a browser, and reply at its end."""
+    def execute(self, message: Any, browser: str, who: str, reply: Reply) -> None:
+        """Execute one of `messages` from the browser of a user, and reply at its end."""
         number = getattr(message, "id", None)
         try:
             if not isinstance(message, messages.DriveRobot):  # whose errors name their press
                 self._require_fresh(message)
             for robot in _bases_of(message):
                 self._teleop.interrupt(robot)
-            answer = self._execute(message, browser, reply)
+            answer = self._execute(message, browser, who, reply)
         except EALError as error:
             reply(failure(number, error))
         else:
             if answer is not None:
                 reply({"id": number, "ok": True, **answer})
 
-    def _execute(self, message: Any, browser: str, reply: Reply) -> dict[str, Any] | None:
+    def _execute(self, message: Any, browser: str, who: str, reply: Reply) -> dict[str, Any] | None:
         """Return the answer; None if there is none, or if it comes later."""
         match message:
             case messages.Watch():
@@ -112,7 +112,7 @@ class Dispatcher:
             case messages.ReloadFleet():
                 return {"changes": str(self._fleet.reload())}
             case _:
-                return self._execute_run(message, browser)
+                return self._execute_run(message, who)
         return None
 
     def _require_fresh(self, message: Any) -> None:
@@ -137,7 +137,7 @@ class Dispatcher:
         handles = [robot[message.resource] for robot in robots if message.resource in robot]
         return bool(handles) and all(handle.is_stop(text) for handle in handles)
 
-    def _execute_run(self, message: Any, browser: str) -> dict[str, Any]:
+    def _execute_run(self, message: Any, who: str) -> dict[str, Any]:
         match message:
             case messages.ListScenarios():
                 return {"scenarios": self._runs.list_scenarios()}
@@ -148,7 +148,7 @@ class Dispatcher:
             case messages.ListPlans():
                 return {"plans": self._runs.list_plans()}
             case messages.DecidePlan():
-                self._runs.decide(message.hash, f"dashboard, {browser}", is_approved=message.approve)
+                self._runs.decide(message.hash, f"{who}, dashboard", is_approved=message.approve)
         return {}
 
     def leave(self, browser: str) -> None:

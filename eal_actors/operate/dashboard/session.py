@@ -228,7 +228,7 @@ class BrowserSession:
             elif self._app_state.dispatcher.may_block(message):
                 self._execute_in_thread(message)
             else:
-                self._app_state.dispatcher.execute(message, self.name, self._reply_to(message))
+                self._execute(message)
 
     def _watch_chosen(self) -> None:
         """Watch what the page chose last. A page that changes its choice too often waits; it does not lose the last."""
@@ -236,7 +236,7 @@ class BrowserSession:
             if not self._commands.take(REAL_TIME.now()):
                 return
             message = self._chosen.pop(kind)
-            self._app_state.dispatcher.execute(message, self.name, self._reply_to(message))
+            self._execute(message)
             if isinstance(message, messages.Watch):
                 self._cameras, self._frame_period_s = message.cameras, 1 / message.rate_hz
             else:
@@ -262,6 +262,10 @@ class BrowserSession:
     def _reply_to(self, message: Any) -> Reply:
         return self.reply if self._audit is None else self._audit.begin(message, self.reply)
 
+    def _execute(self, message: Any) -> None:
+        who = self._visitor.name if self._visitor is not None else self.name
+        self._app_state.dispatcher.execute(message, self.name, who, self._reply_to(message))
+
     def _execute_in_thread(self, message: Any) -> None:
         """Execute a message that may block in a thread, after those before it, so that no stop is delayed."""
         if len(self._waiting) >= MOST_WAITING:
@@ -274,7 +278,7 @@ class BrowserSession:
     async def _execute_waiting(self) -> None:
         while self._waiting:
             message = self._waiting.popleft()
-            await asyncio.to_thread(self._app_state.dispatcher.execute, message, self.name, self._reply_to(message))
+            await asyncio.to_thread(self._execute, message)
 
     def reply(self, answer: dict[str, Any]) -> None:
         """Queue an answer; drops the oldest if the browser does not read them. Thread: any; does not block."""

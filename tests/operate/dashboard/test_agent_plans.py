@@ -35,7 +35,7 @@ def test_a_person_reads_and_approves_a_plan(open_page: OpenPage, dashboard: Dash
     decision = PlanStore(runs_dir).decision(plan)
     assert decision is not None
     assert decision.is_approved
-    assert decision.who.startswith("dashboard, browser ")
+    assert decision.who == "anybody, dashboard"
     dashboard.close()
     (entry,) = [entry for entry in read_audit(runs_dir) if entry["command"] == "decide"]
     assert (entry["arguments"]["hash"], entry["outcome"]) == (plan.hash, "ok")

@@ -110,6 +110,8 @@ class Session:
                 kind, number, start, length = _PIECE.unpack_from(body, place)
                 place += _PIECE.size
                 part = _PARTS[number]
+                if length > _MOST_BYTES:  # a copy is as long as it says, and passes through the memory
+                    raise RefusedError(f"a piece has up to {_MOST_BYTES} bytes")
                 if start + length > begun.manifest[part]["size"]:
                     raise RefusedError(f"{part} has only {begun.manifest[part]['size']} bytes")
                 if kind == b"c":
