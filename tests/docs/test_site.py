@@ -91,7 +91,7 @@ def test_search_finds_what_the_reader_calls_it(site: Path, browser: Browser) -> 
         page.goto(f"file://{site}/search.html?q={words}")
         page.wait_for_selector("#search-results li")
         page.wait_for_function(
-            "document.querySelector('#search-results p.search-summary').innerText.includes('finished')"
+            "() => document.querySelector('#search-results p.search-summary').innerText.includes('finished')"
         )
         links = page.locator("#search-results li a").evaluate_all("links => links.map(link => link.href)")
         assert any(wanted in link for link in links), (words, links)

@@ -134,9 +134,9 @@ def test_one_time_moves_robots_values_frames_and_steps(run: Path, tmp_path: Path
     page.keyboard.press("Home")
     page.locator("#player-play").focus()
     page.keyboard.press(" ")
-    page.wait_for_function("now > 0 && before !== null")
+    page.wait_for_function("() => now > 0 && before !== null")
     page.keyboard.press(" ")
-    page.wait_for_function("before === null")
+    page.wait_for_function("() => before === null")
 
 
 def long_run(folder: Path) -> RunFolder:

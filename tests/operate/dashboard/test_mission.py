@@ -158,7 +158,7 @@ def test_the_map_shows_the_beginning_of_each_name(open_page: OpenPage, tmp_path:
     ):
         page.evaluate(texts)
         page.evaluate("location.hash = '#/map'")
-        page.wait_for_function("Object.keys(window.texts).length >= 3")
+        page.wait_for_function("() => Object.keys(window.texts).length >= 3")
         spans = page.evaluate("window.texts")
         assert all(left >= 0 for left, _, _ in spans.values())
         assert all(right <= width for left, right, width in spans.values() if right - left <= width)
