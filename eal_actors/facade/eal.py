@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -105,6 +106,8 @@ class EAL(BlockingParts):
         self._owned_fleet = owned_fleet
         self._manager: EALResourceManager[ResourceHandle] = EALResourceManager(robot)
         self._is_open = True
+        self._is_released = False
+        self._release_lock = threading.RLock()  # a handler of a signal may interrupt a release and disconnect again
         if owned_fleet is not None:
             add_connection(robot)
 
@@ -125,17 +128,21 @@ class EAL(BlockingParts):
 
         The last connection of this process to a robot halts it, unless `connect` was given an open Fleet. Later calls
         raise UnavailableError. Raises ResourceInUseError if resources are still checked out; the connection stays open
-        (thesis B.2.4).
+        (thesis B.2.4). A second call returns when the first one has.
         """
         self._manager.check_all_returned()
         self._release()
 
     def _release(self) -> None:
         self._is_open = False
-        fleet, self._owned_fleet = self._owned_fleet, None
-        if fleet is not None and is_to_close(fleet.close):
-            remove_connection(self._robot)
-            release_fleet(fleet)
+        fleet = self._owned_fleet
+        if fleet is None or not is_to_close(fleet.close):  # in a child of a fork, nobody would release the lock
+            return
+        with self._release_lock:
+            if not self._is_released:
+                self._is_released = True
+                remove_connection(self._robot)
+                release_fleet(fleet)
 
     @override
     def _open_robot(self) -> RobotHandle:

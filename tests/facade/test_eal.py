@@ -99,6 +99,10 @@ class Line(Resource):
     @config_setter("baud")
     def set_baud(self, baud):
         self._baud = baud
+    def halt(self):
+        if hasattr(self, "halting"):
+            self.halting.set()
+            self.may_halt.wait()
 '''
 
 
@@ -222,6 +226,22 @@ def test_the_last_connection_to_a_robot_halts_it() -> None:
         first.disconnect()
         with pytest.raises(PreemptedError, match="halted"):
             drive.get()
+
+
+def test_a_second_thread_that_disconnects_returns_when_the_robot_has_halted(line_fleet: Path) -> None:
+    with connect("two", fleet=line_fleet), connect("one", fleet=line_fleet) as eal:
+        with eal.borrowed("Line") as line:
+            line.halting, line.may_halt = threading.Event(), threading.Event()  # type: ignore[attr-defined]
+        threads = [threading.Thread(target=eal.disconnect) for _ in range(2)]
+        threads[0].start()
+        line.halting.wait()  # type: ignore[attr-defined]
+        threads[1].start()
+        threads[1].join(0.2)
+        has_returned = not threads[1].is_alive()
+        line.may_halt.set()  # type: ignore[attr-defined]
+        for thread in threads:
+            thread.join()
+        assert not has_returned
 
 
 def test_a_fleet_that_is_not_connected_refuses_calls(line_fleet: Path) -> None:
