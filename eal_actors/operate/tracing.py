@@ -9,6 +9,7 @@ all processes. A call without a span above it, such as a dashboard's poll of a p
 
 from __future__ import annotations
 
+import logging
 import sys
 import threading
 from contextlib import AbstractContextManager
@@ -26,12 +27,14 @@ from typing_extensions import override
 from eal_actors.actors.robot_view import release
 from eal_actors.kernel import spans
 from eal_actors.kernel.errors import ArgumentError, EALError, error_text
+from eal_actors.kernel.log import get_logger
 
 CONSOLE: Final = "console"
 """Spans as JSON on stderr."""
 OTLP: Final = "otlp"
 """Spans to the endpoint in OTEL_EXPORTER_OTLP_ENDPOINT, by default http://localhost:4318."""
 _PATH: Final = "/v1/traces"
+_SDK_LOGGERS: Final = ("opentelemetry.exporter", "opentelemetry.sdk")
 _CLOSE_S: Final = 3.0  # real seconds to wait for the collector at the end
 _W3C: Final = TraceContextTextMapPropagator()
 _KINDS: Final[dict[spans.Kind, trace.SpanKind]] = {"internal": trace.SpanKind.INTERNAL, "client": trace.SpanKind.CLIENT}
@@ -52,6 +55,37 @@ def exporter_to(where: str) -> SpanExporter:
     return OTLPSpanExporter(endpoint=where if parts.path.strip("/") else f"{where.rstrip('/')}{_PATH}")
 
 
+class _LostTraces(logging.Handler):
+    """Logs the first problem of an exporter, in place of the SDK's lines, which are one for each attempt.
+
+    Python prints lines of a logger without a handler; a program's own handlers still get them.
+    """
+
+    def __init__(self, exporter: SpanExporter) -> None:
+        super().__init__(logging.WARNING)
+        self._about = {"endpoint": endpoint} if (endpoint := getattr(exporter, "_endpoint", None)) else {}
+        self._is_reported = False
+
+    @override
+    def emit(self, record: logging.LogRecord) -> None:
+        if not self._is_reported:
+            self._is_reported = True
+            get_logger().warning(
+                "no collector takes the traces: start one, or set --trace or OTEL_EXPORTER_OTLP_ENDPOINT to its URL",
+                **self._about,
+                reason=_reason(record),
+            )
+
+
+def _reason(record: logging.LogRecord) -> str:
+    """Return the text of the first cause of a line's exception, such as "Connection refused"; or of the line."""
+    given = (*(record.args if isinstance(record.args, tuple) else ()), *(record.exc_info or ()))
+    error = next((one for one in given if isinstance(one, BaseException)), None)
+    while error is not None and (cause := error.__cause__ or error.__context__):
+        error = cause
+    return record.getMessage() if error is None else str(error)
+
+
 class Tracing(spans.Tracer):
     """Traces this process for the length of a `with` block.
 
@@ -64,11 +98,14 @@ class Tracing(spans.Tracer):
     def __init__(self, exporter: SpanExporter | str, service: str) -> None:
         self._exporter = exporter_to(exporter) if isinstance(exporter, str) else exporter
         about = {SERVICE_NAME: service, SERVICE_VERSION: release(), **OTELResourceDetector().detect().attributes}
+        self._lost = _LostTraces(self._exporter)
         self._provider = TracerProvider(resource=Resource.create(about), shutdown_on_exit=False)
         self._provider.add_span_processor(BatchSpanProcessor(self._exporter))
         self._tracer = self._provider.get_tracer("eal_actors", release())
 
     def __enter__(self) -> Self:
+        for name in _SDK_LOGGERS:
+            logging.getLogger(name).addHandler(self._lost)
         self._uninstall = spans.install(self)
         return self
 
@@ -80,6 +117,8 @@ class Tracing(spans.Tracer):
         self._provider.shutdown()
         time_out.cancel()
         time_out.join()
+        for name in _SDK_LOGGERS:
+            logging.getLogger(name).removeHandler(self._lost)
 
     @override
     def begin(self, name: str, about: spans.About, kind: spans.Kind = "internal") -> spans.Span | None:

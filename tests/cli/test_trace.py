@@ -107,10 +107,22 @@ def test_traces_on_the_console_leave_stdout_alone(eal: Any, slides: Path, move: 
     assert '"name": "step send_cmd"' in result.stderr
 
 
-def test_robots_move_without_the_collector(eal: Any, slides: Path, move: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("where", ["URL", "otlp"])
+def test_robots_move_without_the_collector_and_one_line_says_so(
+    start: Any, slides: Path, move: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str
+) -> None:
+    """OpenTelemetry printed its exceptions, a line for each attempt."""
     url = f"http://127.0.0.1:{free_port()}"
-    result = eal("run", move, "--fleet", slides, "--no-plot", "--trace", url, "--runs-dir", tmp_path / "runs")
-    assert result.exit_code == 0
+    monkeypatch.setenv("OTEL_EXPORTER_OTLP_ENDPOINT", url)
+    trace = url if where == "URL" else where
+    run = start("run", move, "--fleet", slides, "--no-plot", "--trace", trace, "--runs-dir", tmp_path / "runs")
+    _, problems = run.communicate(timeout=90)
+    assert run.returncode == 0
+    (line,) = problems.splitlines()
+    assert "no collector takes the traces: start one" in line
+    assert f"endpoint={url}/v1/traces" in line
+    assert "Connection refused" in line
+    assert "HTTPConnectionPool" not in line
 
 
 def test_an_invalid_destination_is_refused_before_anything_moves(
