@@ -98,11 +98,19 @@ def test_every_python_block_runs(code: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("text", named([block for block in blocks("yaml") if block[1].startswith("version: 1\nname:")]))
 def test_every_yaml_block_is_a_valid_file(text: str, tmp_path: Path) -> None:
-    file = tmp_path / "example.yaml"
-    file.write_text(text)
     shutil.copytree(ROOT / "fleets" / "worlds", tmp_path / "worlds")
     (tmp_path / "common.yaml").write_text("version: 1\n")
     (tmp_path / "my_plugins").mkdir()
+    assert_valid(text, tmp_path / "example.yaml")
+
+
+@pytest.mark.parametrize("example", sorted(examples.FOLDER.glob("*.yaml")), ids=lambda file: file.name)
+def test_every_example_file_is_valid_alone_in_a_folder(example: Path, tmp_path: Path) -> None:
+    assert_valid(example.read_text(), tmp_path / example.name)
+
+
+def assert_valid(text: str, file: Path) -> None:
+    file.write_text(text)
     read = load_world if "\nsize_m:" in text else EALConfigManager.load
     problems = check_scenario(file) if "\nsteps:" in text else problems_of(lambda: read(file))
     assert not problems, "\n".join(map(str, problems))
