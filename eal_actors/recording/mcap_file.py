@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 from struct import error as StructError  # noqa: N812  # named like the other errors
@@ -22,7 +22,7 @@ from eal_actors.recording.timeline import log_entry_of
 from eal_actors.scenario.report.records import as_json
 
 if TYPE_CHECKING:
-    from mcap.records import McapRecord
+    from mcap.records import Chunk, McapRecord
 
 RECORD_FILE: Final = "run.mcap"
 EVENTS_TOPIC: Final = "/events"
@@ -35,6 +35,9 @@ _START: Final = "start_ns"
 _LIBRARY: Final = "eal_actors"
 _CHUNK_BYTES: Final = 65536
 """A crash of the controller loses at most so much of the end of a file; events.jsonl loses nothing."""
+_UNPACKED_BYTES: Final = 64 * 1024 * 1024
+_UNPACKED_TIMES: Final = 100
+"""A record may unpack to so many bytes and so many times its size. Of ours, texts become a twentieth."""
 _JSON: Final = "application/json"
 _MAGIC: Final = b"\x89MCAP0\r\n"
 """The first and the last bytes of a whole file."""
@@ -301,7 +304,7 @@ def _records(path: Path) -> Iterator[_StoredMessage | McapRecord]:
     known: dict[int, MessageSchema] = {}
     channels: dict[int, tuple[str, MessageSchema]] = {}
     with path.open("rb") as stream, suppress(EndOfFile, StructError):
-        for record in StreamReader(stream).records:
+        for record in _unpacked(StreamReader(stream, emit_chunks=True).records, path.stat().st_size):
             match record:
                 case Schema():
                     known[record.id] = MessageSchema(record.name, json.loads(record.data))
@@ -315,13 +318,53 @@ def _records(path: Path) -> Iterator[_StoredMessage | McapRecord]:
                     yield record
 
 
+def _unpacked(records: Iterator[McapRecord], size: int) -> Iterator[McapRecord]:
+    """Yield the records, those in chunks too, of a file of a size in bytes.
+
+    The library would unpack a chunk whatever its size: a record of 100 kB could fill the memory.
+    """
+    from mcap.records import Chunk
+    from mcap.stream_reader import breakup_chunk
+
+    left = _UNPACKED_BYTES + _UNPACKED_TIMES * size
+    for record in records:
+        if not isinstance(record, Chunk):
+            yield record
+            continue
+        data = _unpack(record, left + 1)
+        left -= len(data)
+        if left < 0:
+            raise ValueError(f"it unpacks to more than {_UNPACKED_TIMES} times its size")
+        if len(data) != record.uncompressed_size:
+            raise ValueError("a chunk has another size than the file says")
+        yield from breakup_chunk(replace(record, compression="", data=data), validate_crc=True)
+
+
+def _unpack(chunk: Chunk, most: int) -> bytes:
+    """Return the content of a chunk, at most so many bytes of it."""
+    match chunk.compression:
+        case "zstd":
+            from zstandard import ZstdDecompressor
+
+            return ZstdDecompressor().stream_reader(chunk.data).read(most)
+        case "lz4":
+            from lz4.frame import LZ4FrameDecompressor
+
+            return bytes(LZ4FrameDecompressor().decompress(chunk.data, max_length=most))
+        case "":
+            return chunk.data
+        case other:
+            raise ValueError(f"the compression {other[:20]!r} is not known")
+
+
 @contextmanager
 def _errors_of(path: Path) -> Iterator[None]:
     """Raise ScenarioError for every error that a broken file can cause."""
     from mcap.exceptions import McapError
     from zstandard import ZstdError
 
+    damages = McapError, ZstdError, ValueError, KeyError, TypeError, AttributeError, OverflowError, MemoryError
     try:
         yield
-    except (McapError, ZstdError, ValueError, KeyError, TypeError, AttributeError, MemoryError, OverflowError) as error:
+    except (*damages, RuntimeError) as error:  # of lz4, or of a text that is nested too deeply
         raise ScenarioError(f"{path} is no record of a run: {type(error).__name__}: {error}") from error

@@ -81,9 +81,9 @@ def kept_scenario(directory: Path) -> Path:
     scenario = directory / SCENARIO
     if not scenario.is_file():
         return scenario
-    text = scenario.read_text(encoding="utf-8")
+    content = scenario.read_bytes()
     files = sorted(file for file in (directory / SCENARIOS).rglob("*") if file.is_file())
-    return next((file for file in files if file.read_text(encoding="utf-8") == text), scenario)
+    return next((file for file in files if file.read_bytes() == content), scenario)
 
 
 def kept_world(directory: Path) -> WorldModel | None:

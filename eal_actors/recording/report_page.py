@@ -161,8 +161,10 @@ def _map_picture(run: RunFolder, world: WorldModel | None) -> MapPicture | None:
 
 def _outline_svg(run: RunFolder) -> str | None:
     """Return the tree of the scenario; None if the run has no copy of it, or the copy was changed and is invalid."""
+    if not (scenario := kept_scenario(run.path)).is_file():  # opening a pipe would wait for its writer
+        return None
     try:
-        return draw_outline(list(outline(load_scenario(kept_scenario(run.path)))))
+        return draw_outline(list(outline(load_scenario(scenario))))
     except ConfigError:
         return None
 
@@ -199,7 +201,8 @@ def _images(folder: Path) -> list[SavedImage]:
         (path for path in folder.rglob("*") if path.suffix in _IMAGE_TYPES and path.name != "trajectory.png"),
         key=lambda path: path.relative_to(folder).parts,
     )
-    return [_image(folder, path) for path in files[:_MOST_IMAGES]]
+    own = [path for path in files if path.is_file() and path.resolve().is_relative_to(folder.resolve())]
+    return [_image(folder, path) for path in own[:_MOST_IMAGES]]  # a link could lead to a key, or never end
 
 
 def _image(folder: Path, path: Path) -> SavedImage:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 from html.parser import HTMLParser
@@ -92,3 +93,19 @@ def test_parallel_calls_take_two_rows() -> None:
     one, other, later = (Bar(a, b, "x", "s", "done", "") for a, b in ((0.0, 2.0), (1.0, 3.0), (2.0, 4.0)))
     line.bars["r"] = [one, other, later]
     assert line.rows("r") == [[one, later], [other]]
+
+
+def test_links_and_pipes_in_a_folder_of_a_stranger_are_no_pictures(run: Path, tmp_path: Path) -> None:
+    """A link led to any file of the reader, whose content came into the page, or to /dev/zero; a pipe never ended."""
+    folder = tmp_path / "run"
+    shutil.copytree(run, folder)
+    (tmp_path / "key.png").write_bytes(b"\x89PNG a private key")
+    (folder / "a.png").symlink_to(tmp_path / "key.png")
+    (folder / "b.png").symlink_to("/dev/zero")
+    (folder / "c.png").symlink_to("nowhere")
+    (folder / "d.png").mkdir()
+    os.mkfifo(folder / "e.png")
+    (folder / "scenario.yaml").unlink()
+    os.mkfifo(folder / "scenario.yaml")
+    page = _Page(render_report(RunFolder.open(folder)))
+    assert not {f"{letter}.png" for letter in "abcde"} & set(page.texts)

@@ -264,7 +264,7 @@ def read_events(file: Path) -> list[dict[str, Any]]:
 def _read(line: str, place: str) -> dict[str, Any]:
     try:
         event = json.loads(line)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ScenarioError(f"{place}: is no event: {error}") from error
     event = event if isinstance(event, dict) else {}
     if (problem := _problem(event)) is not None:
