@@ -13,11 +13,12 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from typing import Any, Final
 
 from eal_actors import EALData, EALError, Fleet, Future, RobotHandle
+from eal_actors.facade.latecomers import Latecomers
 from eal_actors.plugin import DataError, Field, LogLimit, PluginError, get_logger
 from eal_actors.recording.sampler import Sampler, SampleSpec
 
@@ -59,38 +60,70 @@ def open_bridge(fleet: Fleet, settings: BridgeSettings) -> Iterator[str]:
         PluginError: zenoh's configuration is wrong, or two robots would be one node.
     """
     _check_names(fleet)
-    if away := [robot.name for robot in fleet.values() if not list(robot)]:
-        text = "these robots are absent, so they have no topics: start the bridge again when they are there"
-        get_logger().warning(text, robots=away)
-    types = MessageTypes(settings.distribution)
+    latecomers = Latecomers(fleet)
     session = RosSession(settings.router, settings.domain, settings.zenoh_config)
-    try:
-        steps: list[SubscribedFeed | VelocityFollower] = []
-        specs = []
-        topics = FleetTopics(types, fleet.clock)
-        for robot in fleet.values():
-            node = session.node(ros_name(robot.name), "eal")
-            for resource in robot.values():
-                if not topics.add(node, resource):
-                    continue
-                if resource.info.is_camera:
-                    topic, ask = topics.topic_of(resource), partial(resource.get_value, timeout_s=_PICTURE_S)
-                    publish = partial(topics.publish, resource)
-                    steps.append(SubscribedFeed(session, topic, 1.0 / settings.camera_rate_hz, ask, publish))
-                else:
-                    specs.append(SampleSpec(resource, 1.0 / settings.rate_hz))
-            if _tells_path(robot):
-                topic, ask = topics.add_plan(node, robot.name), partial(robot[_BASE].send_req, "path")
-                steps.append(SubscribedFeed(session, topic, _PLAN_S, ask, partial(topics.publish_plan, robot.name)))
-            if settings.drive and _takes_twist(robot):
-                twist = types.message(f"geometry_msgs/msg/Twist{'Stamped' if settings.stamped else ''}")
-                steps.append(VelocityFollower(robot, node.subscription("cmd_vel", twist)))
-        with Sampler(fleet.clock, specs, topics.publish), _stepping(steps):
+    with ExitStack() as stack:
+        stack.callback(session.close)
+        nodes = _Nodes(fleet, settings, session, stack)
+        nodes.add(latecomers.present)
+        with _stepping(nodes.steps, partial(nodes.take_in, latecomers)):
             where = f"domain {settings.domain} at {settings.router}"
             absent = session.why_not_ready()
-            yield f"{len(fleet)} nodes, {topics.count} topics in {where}" + (f"; {absent}" if absent else "")
-    finally:
-        session.close()
+            count = len(latecomers.present)
+            yield f"{count} nodes, {nodes.topics.count} topics in {where}" + (f"; {absent}" if absent else "")
+
+
+class _Nodes:
+    """The robots as nodes; `stack` ends the sampling.
+
+    Attributes:
+        topics: of all robots.
+        steps: what the bridge's thread does, repeatedly.
+    """
+
+    def __init__(self, fleet: Fleet, settings: BridgeSettings, session: RosSession, stack: ExitStack) -> None:
+        self._clock = fleet.clock
+        self._settings = settings
+        self._session = session
+        self._stack = stack
+        self._types = MessageTypes(settings.distribution)
+        self.topics: Final = FleetTopics(self._types, fleet.clock)
+        self.steps: Final[list[SubscribedFeed | VelocityFollower]] = []
+
+    def add(self, robots: Sequence[RobotHandle]) -> None:
+        """Make nodes of robots. Thread: the bridge's, or before it."""
+        specs = [spec for robot in robots for spec in self._make_node(robot)]
+        self._stack.enter_context(Sampler(self._clock, specs, self.topics.publish))
+
+    def take_in(self, latecomers: Latecomers) -> None:
+        """Make nodes of the robots that have come."""
+        for robot in latecomers.arrived():
+            try:
+                self.add([robot])
+            except Exception as error:  # noqa: BLE001  # the dead-man of every other robot is in this thread
+                get_logger(robot=robot.name).error("it is no node", error=f"{type(error).__name__}: {error}")
+
+    def _make_node(self, robot: RobotHandle) -> Iterator[SampleSpec]:
+        node, topics = self._session.node(ros_name(robot.name), "eal"), self.topics
+        for resource in robot.values():
+            if not topics.add(node, resource):
+                continue
+            if resource.info.is_camera:
+                topic, ask = topics.topic_of(resource), partial(resource.get_value, timeout_s=_PICTURE_S)
+                self._feed(topic, 1.0 / self._settings.camera_rate_hz, ask, partial(topics.publish, resource))
+            else:
+                yield SampleSpec(resource, 1.0 / self._settings.rate_hz)
+        if _tells_path(robot):
+            topic, ask = topics.add_plan(node, robot.name), partial(robot[_BASE].send_req, "path")
+            self._feed(topic, _PLAN_S, ask, partial(topics.publish_plan, robot.name))
+        if self._settings.drive and _takes_twist(robot):
+            twist = self._types.message(f"geometry_msgs/msg/Twist{'Stamped' if self._settings.stamped else ''}")
+            self.steps.append(VelocityFollower(robot, node.subscription("cmd_vel", twist)))
+
+    def _feed(
+        self, topic: str, period_s: float, ask: Callable[[], Future[EALData]], publish: Callable[[EALData], object]
+    ) -> None:
+        self.steps.append(SubscribedFeed(self._session, topic, period_s, ask, publish))
 
 
 def _check_names(fleet: Fleet) -> None:
@@ -112,17 +145,18 @@ def _tells_path(robot: RobotHandle) -> bool:
 
 
 @contextmanager
-def _stepping(steps: Sequence[SubscribedFeed | VelocityFollower]) -> Iterator[None]:
-    """Step followers and feeds in a thread; at the end every driven robot is halted."""
+def _stepping(steps: Sequence[SubscribedFeed | VelocityFollower], take_in: Callable[[], None]) -> Iterator[None]:
+    """Step followers and feeds in a thread, which `take_in` may add to; at the end every driven robot is halted."""
     end = threading.Event()
     logged: set[SubscribedFeed | VelocityFollower] = set()
 
     def run() -> None:
         while not end.wait(_TICK_S):
+            take_in()
             for one in steps:
                 try:
                     one.step()
-                except Exception as error:  # noqa: BLE001  # the dead-man of every other robot is in this thread
+                except Exception as error:  # noqa: BLE001  # as above
                     if one not in logged:
                         logged.add(one)
                         get_logger().error("a topic is not served", error=f"{type(error).__name__}: {error}")

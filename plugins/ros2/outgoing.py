@@ -27,7 +27,7 @@ _PAUSE_S: Final = 1.0
 
 
 class FleetTopics:
-    """Publishes values of resources; see `bridge`. Thread: `publish` in one, `add` before."""
+    """Publishes values of resources; see `bridge`. Thread: the values of a resource in one, `add` of it before."""
 
     def __init__(self, types: MessageTypes, clock: Clock) -> None:
         self._types = types

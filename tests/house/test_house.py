@@ -43,12 +43,12 @@ def test_the_dashboards_javascript_is_in_order() -> None:
 
 
 # What a plugin may import besides the plugin API: a simulation the model of its world, a replay the records of runs, a
-# bridge the API of fleets and the sampler of records.
+# bridge the API of fleets, their latecomers and the sampler of records.
 BESIDES = {
     "sim": {"eal_actors.device.proximity", "eal_actors.device.world"},
     "replay": {"eal_actors.recording.recorded_run"},
-    "ros2": {"eal_actors", "eal_actors.recording.sampler"},
-    "vda5050": {"eal_actors", "eal_actors.recording.sampler"},
+    "ros2": {"eal_actors", "eal_actors.facade.latecomers", "eal_actors.recording.sampler"},
+    "vda5050": {"eal_actors", "eal_actors.facade.latecomers", "eal_actors.recording.sampler"},
 }
 
 

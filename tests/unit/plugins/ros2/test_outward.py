@@ -16,6 +16,8 @@ from zenoh_ros2_sdk import discovery
 
 from eal_actors import Fleet
 from eal_actors.cli.app import app
+from eal_actors.facade.service import RobotService
+from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.plugins import EALPluginManager
 from tests.log_lines import log_lines
 from tests.unit.plugins.ros2.rig import Ros2Peer, free_port, wait_for
@@ -163,13 +165,30 @@ def test_wrong_bridges_and_settings_are_named(file: Path) -> None:
         assert problem in " ".join(done.output.split())
 
 
-def test_a_robot_that_is_absent_at_the_start_is_named(peer: Ros2Peer, tmp_path: Path) -> None:
-    robots = {"far-1": {"address": f"tcp/127.0.0.1:{free_port()}"}, "near-1": {"plugins": {"sim": {"model": "roomba"}}}}
+def test_a_robot_that_is_absent_at_the_start_is_named_and_becomes_a_node_when_it_comes(
+    peer: Ros2Peer, tmp_path: Path
+) -> None:
+    sim = {"plugins": {"sim": {"model": "roomba"}}}
+    robots = {"far-1": {**sim, "address": f"tcp/127.0.0.1:{free_port()}"}, "near-1": sim}
     file = tmp_path / "absent.yaml"
     file.write_text(json.dumps({"version": 1, "name": "absent", "robots": robots}))
+    poses: list[Any] = []
     with Fleet.load(file) as fleet, log_lines() as lines:
         bridge, settings = EALPluginManager().bridge("ros2", {"router": peer.endpoint})
-        with bridge.open_bridge(fleet, settings):
+        with bridge.open_bridge(fleet, settings) as line:
+            assert line.startswith("1 nodes, ")
+            peer.subscriber("/far_1/odom", "nav_msgs/msg/Odometry", poses.append)
+            commands = peer.publisher("/far_1/cmd_vel", "geometry_msgs/msg/Twist")
+            vector = peer.type("geometry_msgs/msg/Vector3")
+            ahead, still = vector(x=0.2, y=0.0, z=0.0), vector(x=0.0, y=0.0, z=0.0)
+
+            def moves() -> bool:
+                commands.publish(linear=ahead, angular=still)
+                return fleet["far-1"]["Base"].get_status().get() == 1
+
+            with RobotService(EALConfigManager.load(file).fleet, "far-1"):
+                wait_for(lambda: bool(poses), "it has no topics")
+                wait_for(moves, "it does not move")
             told = [line for line in lines.getvalue().splitlines() if "these robots are" in line]
             assert len(told) == 1
             assert "absent" in told[0]

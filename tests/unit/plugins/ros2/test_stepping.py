@@ -30,7 +30,7 @@ class Feed:
 
 def test_a_step_that_fails_ends_no_other(caplog: pytest.LogCaptureFixture) -> None:
     broken, sound = Feed(is_broken=True), Feed(is_broken=False)
-    with _stepping([broken, sound]):  # type: ignore[list-item]
+    with _stepping([broken, sound], lambda: None):  # type: ignore[list-item]
         assert sound.twice.wait(30)
         assert broken.twice.wait(30)
     assert broken.is_let_go

@@ -237,17 +237,26 @@ def test_wrong_orders_are_refused_by_name_and_move_nothing(broker: Broker, tmp_p
         wait_for(lambda: truth.get_value().get().value[0] > 1.15, "it does not drive after them")
 
 
-def test_a_robot_that_is_absent_at_the_start_is_named(broker: Broker, tmp_path: Path) -> None:
-    robots = {"far-1": {"address": f"tcp/127.0.0.1:{free_port()}"}, "near-1": {"plugins": {"sim": {"model": "roomba"}}}}
+def test_a_robot_that_is_absent_at_the_start_is_named_and_becomes_an_agv_when_it_comes(
+    broker: Broker, tmp_path: Path
+) -> None:
+    sim = {"plugins": {"sim": {"model": "roomba"}}}
+    robots = {"roomba-1": {**sim, "address": f"tcp/127.0.0.1:{free_port()}"}, "near-1": sim}
     file = tmp_path / "absent.yaml"
     file.write_text(json.dumps({"version": 1, "name": "absent", "robots": robots}))
-    with Fleet.load(file) as fleet, log_lines() as lines:
-        bridge, settings = EALPluginManager().bridge("vda5050", {"broker": broker.url})
-        with bridge.open_bridge(fleet, settings):
+    with SdkMaster(broker) as master, Fleet.load(file) as fleet, log_lines() as lines:
+        bridge, settings = EALPluginManager().bridge("vda5050", {"broker": broker.url, "state_period_s": 0.2})
+        with bridge.open_bridge(fleet, settings) as line:
+            assert line.startswith("1 AGVs at ")
+            with RobotService(EALConfigManager.load(file).fleet, "roomba-1"):
+                wait_for(lambda: master.state("roomba-1") is not None, "it is no AGV")
+                wait_for(lambda: master.state("roomba-1").agv_position is not None, "no position")
+                master.dispatch(order("A", (0.0, 0.0), (0.5, 0.0)))
+                wait_for(lambda: master.state("roomba-1").driving, "it does not drive")
             told = [line for line in lines.getvalue().splitlines() if "these robots are" in line]
             assert len(told) == 1
             assert "absent" in told[0]
-            assert "far-1" in told[0]
+            assert "roomba-1" in told[0]
 
 
 def test_a_cancellation_that_does_not_reach_the_robot_fails_and_its_halt_is_repeated(
