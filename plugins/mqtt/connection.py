@@ -113,6 +113,9 @@ class MqttConnection:
         will: what the broker publishes if the connection is lost without a farewell.
         greeting: is published whenever the connection is open; a farewell of `close` goes with it.
 
+    Attributes:
+        connected_s: when the broker accepted the newest connection, by the fleet's clock.
+
     Raises:
         PluginError: a file of the settings cannot be read, or is no certificate or key.
     """
@@ -126,6 +129,7 @@ class MqttConnection:
         greeting: Callable[[], MqttMessage] | None = None,
     ) -> None:
         self.url: Final = settings.broker
+        self.connected_s = -math.inf
         self._clock = clock
         self._inboxes: dict[str, list[TopicInbox]] = {}
         self._qualities: dict[str, int] = {}
@@ -179,6 +183,7 @@ class MqttConnection:
         if reason.is_failure:
             self._problem, self._has_failed = f"it refuses this client: {str(reason).lower()}", True
             return
+        self.connected_s = self._clock.now()
         self._problem = "its subscriptions are not confirmed"
         if self._qualities:
             client.subscribe(list(self._qualities.items()))

@@ -9,7 +9,7 @@ from typing import Final
 
 from eal_actors.plugin import DataError, FactoryPlugin, PluginContext, Resource
 
-from .connection import MqttConnection, MqttMessage, TopicInbox
+from .connection import MqttConnection, MqttMessage, MqttReceived, TopicInbox
 from .resources import MqttReader, MqttWriter
 from .settings import AnnounceSettings, PresenceSettings, Settings
 
@@ -37,7 +37,7 @@ class Presence:
         self._connection = connection
         self._settings = settings
         self._inbox = None if settings is None else connection.subscribe(settings.topic, qos=1, max_bytes=1024)
-        self._newest: str | None = None
+        self._newest: MqttReceived | None = None
 
     def why_not_ready(self) -> str | None:
         """Return why the device cannot be reached now. Thread: any."""
@@ -45,12 +45,16 @@ class Presence:
             return problem
         try:
             while (received := self._inbox.take()) is not None:
-                self._newest = received.payload.decode(errors="replace")
+                self._newest = received
         except DataError as error:
             return error.message
-        if self._newest == self._settings.online:
+        newest = self._newest
+        if newest is None or newest.arrived_s < self._connection.connected_s:  # else the broker had sent it again
+            said = "nothing"
+        elif (text := newest.payload.decode(errors="replace")) == self._settings.online:
             return None
-        said = "nothing" if self._newest is None else repr(self._newest[:40])
+        else:
+            said = repr(text[:40])
         return f"the device is absent: {self._settings.topic} says {said}, not {self._settings.online!r}"
 
 

@@ -62,7 +62,10 @@ class MqttReader(Resource):
     def _refresh(self) -> None:
         try:
             while (received := self._inbox.take()) is not None:
-                self._newest, self._problem = received, None
+                known = b"" if self._newest is None else self._newest.payload
+                if not (received.is_retained and received.payload == known):  # else it is sent after each reconnect
+                    self._newest = received
+                self._problem = None
         except DataError as error:
             self._newest, self._problem = None, error
 
@@ -71,13 +74,18 @@ class MqttReader(Resource):
         self._refresh()
         if self._problem is not None:  # get_value raises it
             return None
-        arrived_s = -math.inf if self._newest is None else self._newest.arrived_s
-        age_s, limit_s = self._clock.now() - arrived_s, self._settings.timeout_s
-        is_silent = age_s == math.inf or (limit_s is not None and age_s > limit_s)
-        why = self._why_not_ready()
-        return why or (
-            f"no message on {self._inbox.topic}{age_text(arrived_s, self._clock.now())}" if is_silent else None
-        )
+        return self._why_not_ready() or self._why_silent()
+
+    def _why_silent(self) -> str | None:
+        newest, now_s, limit_s = self._newest, self._clock.now(), self._settings.timeout_s
+        silence = f"no message on {self._inbox.topic}"
+        if newest is None:
+            return f"{silence} yet"
+        if limit_s is not None and newest.is_retained:  # nobody knows for how long
+            return f"{silence} but the one that the broker had retained"
+        if limit_s is not None and now_s - newest.arrived_s > limit_s:
+            return f"{silence}{age_text(newest.arrived_s, now_s)}"
+        return None
 
     def get_value(self) -> EALData:
         """Return the newest message.

@@ -71,7 +71,8 @@ class MqttTopicSettings(PluginSettingsModel):
     halt: str | None = None
     """The message that is published at every halt; for what moves or heats."""
     timeout_s: float | None = Field(default=None, gt=0, le=86400)
-    """Silence after which the resource is not ready, in seconds of the fleet's clock; None for none."""
+    """Silence after which the resource is not ready, in seconds of the fleet's clock; None for none. A message that the
+    broker had retained does not end it."""
     max_bytes: int = Field(default=65536, ge=1, le=1 << 24)
     """Longest message that is read."""
 

@@ -12,6 +12,10 @@ import pytest
 from eal_actors import Fleet
 from eal_actors.actors.robot_view import RobotState
 from eal_actors.kernel.errors import ArgumentError, EALError
+from plugins.mqtt.connection import TopicInbox
+from plugins.mqtt.resources import MqttReader
+from plugins.mqtt.settings import MqttTopicSettings
+from tests.manual_clock import ManualClock
 from tests.unit.plugins.mqtt.rig import Broker, Device, error_of, mqtt_fleet, until_ready, why
 from tests.unit.plugins.ros2.rig import wait_for
 
@@ -90,6 +94,39 @@ def test_bad_messages_are_errors_of_their_resource(broker: Broker, tmp_path: Pat
         wait_for(lambda: not error(), "it does not recover")
 
 
+def test_what_the_broker_has_retained_ends_no_silence(broker: Broker, tmp_path: Path) -> None:
+    """It may be days old, and a broker that is back sends it again."""
+    topics = {
+        "Live": {"topic": "sensor/live", "value": "number", "timeout_s": 3600},
+        "Kept": {"topic": "sensor/kept", "value": "number"},
+    }
+    with Device(broker, "sensor/live", "sensor/kept") as device:
+        device.say("sensor/live", "1", retain=True)
+        device.say("sensor/kept", "1", retain=True)
+        wait_for(lambda: len(device.heard) == 2, "the broker has not retained them")
+        with mqtt_fleet(tmp_path, room={"broker": broker.url, "topics": topics}) as fleet:
+            until_ready(fleet, "room", "Kept")
+            assert fleet["room"]["Kept"].get_value().get().value == 1
+            assert why(fleet, "room", "Live", "retained") == (
+                "no message on sensor/live but the one that the broker had retained"
+            )
+            device.say("sensor/live", "2", retain=True)
+            until_ready(fleet, "room", "Live")
+            assert fleet["room"]["Live"].get_value().get().value == 2
+
+
+def test_a_retained_message_that_comes_again_is_as_old_as_before() -> None:
+    clock, inbox = ManualClock(), TopicInbox("t", 1, 100)
+    reader = MqttReader(MqttTopicSettings(topic="t", timeout_s=10), inbox, clock, lambda: None)
+    inbox.put(b"a", clock.now(), is_retained=False)
+    first = reader.get_value()
+    clock.advance(5.0)
+    inbox.put(b"a", clock.now(), is_retained=True)
+    assert reader.get_value() == first
+    inbox.put(b"b", clock.now(), is_retained=True)
+    assert reader.not_ready() == "no message on t but the one that the broker had retained"
+
+
 @pytest.mark.slow
 def test_a_flood_leaves_the_newest_message(broker: Broker, tmp_path: Path) -> None:
     topics = {"Count": {"topic": "flood/count", "value": "number"}}
@@ -119,6 +156,21 @@ def test_presence_follows_the_last_wills_of_both_sides(broker: Broker, tmp_path:
             why(fleet, "box", "Say", "box/status says 'gone'")
             wait_for(lambda: ("eal/status", b"online") in watcher.heard, "nothing was announced")
         wait_for(lambda: watcher.heard[-1] == ("eal/status", b"offline"), "no farewell")
+
+
+def test_a_device_that_goes_with_its_broker_is_absent_when_the_broker_is_back(tmp_path: Path) -> None:
+    """The broker, which kept nothing on its disk, never published the last will."""
+    settings = {"topics": {"Say": {"topic": "box/say", "writable": True}}, "presence": {"topic": "box/status"}}
+    broker = Broker(tmp_path)
+    with mqtt_fleet(tmp_path, box={"broker": broker.url, **settings}) as fleet:
+        with broker, Device(broker) as device:
+            device.say("box/status", "online", retain=True)
+            until_ready(fleet, "box", "Say")
+        with broker:
+            assert "says nothing, not 'online'" in why(fleet, "box", "Say", "the device is absent")
+            with Device(broker) as device:
+                device.say("box/status", "online", retain=True)
+                until_ready(fleet, "box", "Say")
 
 
 def test_a_broker_that_appears_late_and_goes(tmp_path: Path) -> None:
