@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,6 +12,8 @@ from evbotos.lock import Archive
 
 APT: Final = Path("/etc/apt")
 _KEYRING: Final = "/usr/share/keyrings/debian-archive-keyring.gpg"
+_RELEASES: Final = ("trixie", "bookworm")
+"""Of build machines."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,34 +43,42 @@ class Source:
         return f"deb [signed-by={self.signed_by}] {self.uri} {self.suite} {' '.join(self.components)}"
 
 
-def sources_for(suite: str, mirror: str | None, folder: Path = APT, components: tuple[str, ...] = ()) -> list[Source]:
+def sources_for(
+    suite: str,
+    mirror: str | None,
+    folder: Path = APT,
+    *,
+    components: tuple[str, ...] = (),
+    has_backports: bool = False,
+) -> list[Source]:
     """Return the sources of a suite's packages.
 
     Args:
         suite: a Debian suite such as `bookworm`.
-        mirror: the user's mirror; if given, the only source.
+        mirror: the user's mirror; if given, the only archive.
         folder: apt's configuration.
         components: archive components in addition to those of the build machine.
+        has_backports: whether the suite's backports are a source.
 
     Raises:
-        BuildError: the build machine has no source of that suite.
+        BuildError: the build machine has no source of Debian.
     """
-    if mirror is not None:
-        return [Source(mirror.rstrip("/"), suite, ("main", *components), _KEYRING)]
-    wanted = (suite, f"{suite}-updates", f"{suite}-security")
-    found = [source for source in _configured(folder) if source.suite in wanted and "main" in source.components]
-    if not any(source.suite == suite for source in found):
-        raise BuildError(f"apt on this machine has no source of Debian's {suite}; name one as `mirror` in local.yaml")
+    found = [Source(mirror.rstrip("/"), suite, ("main",), _KEYRING)] if mirror is not None else _debian(folder, suite)
     more = [replace(one, components=tuple(dict.fromkeys((*one.components, *components)))) for one in found]
+    if has_backports:
+        more += [replace(one, suite=f"{suite}-backports") for one in more if one.suite == suite]
     return list(dict.fromkeys(more))
 
 
-def newer_sources(sources: Iterable[Source], suite: str) -> list[Source]:
-    """Return the sources of a newer suite: the same archives, and its backports if the suite is called so."""
-    release = suite.removesuffix("-backports")
-    found = [replace(one, suite=re.sub("^[a-z]+", release, one.suite)) for one in sources]
-    backports = [replace(one, suite=suite) for one in found if one.suite == release != suite]
-    return found + backports
+def _debian(folder: Path, suite: str) -> list[Source]:
+    """Return the configured sources of a suite; those of another one have its packages in the same archives."""
+    configured = [source for source in _configured(folder) if "main" in source.components]
+    for release in (suite, *_RELEASES):
+        wanted = {f"{release}{kind}": f"{suite}{kind}" for kind in ("", "-updates", "-security")}
+        found = [replace(source, suite=wanted[source.suite]) for source in configured if source.suite in wanted]
+        if any(source.suite == suite for source in found):
+            return found
+    raise BuildError("apt on this machine has no source of Debian; name one as `mirror` in local.yaml")
 
 
 def _configured(folder: Path) -> Iterator[Source]:

@@ -31,7 +31,6 @@ from evbotos import (
     u_boot,
     verity,
 )
-from evbotos.apt_sources import newer_sources, sources_for
 from evbotos.errors import BuildError
 from evbotos.hashing import file_sha256, files_sha256, key_of
 from evbotos.hosttools import needed_for, require
@@ -39,7 +38,7 @@ from evbotos.lock import Lock, LockedPackage, read_lock, require_lock
 from evbotos.locking import lock_present_versions
 from evbotos.model import Image, Kernel, Local, PackagedKernel, Platform
 from evbotos.outputs import Built, Made, manifest_of, root_with_kernel_mb, write_outputs, writing
-from evbotos.packages import Apt
+from evbotos.packages import Apt, apt_for
 from evbotos.plan import layers_of, step_names
 from evbotos.robot_files import gather_robot_files
 from evbotos.steps import Runner, Step, owned
@@ -64,7 +63,6 @@ _FOLDERS: Final = (
 _OWN: Final = f"{tree.SITE}/eal_actors"
 """Compiled like the rest, except plugins: the framework finds them by their source files."""
 _PACKAGED: Final = Path(str(packaged_kernel.__file__))
-_OPTIONAL: Final[tuple[str, ...]] = ()
 
 
 def cache_folder(local: Local) -> Path:
@@ -126,9 +124,10 @@ class Build:
             kernel_folder = self.runner.run(self._kernel_step(lock))
             if self._platform.overlays:
                 kernel_folder = self.runner.run(self._overlays_step(kernel_folder))
-            base = self.runner.run(self._base_step(lock, debs, wheels))
+            interpreter = self.runner.run(self._interpreter_step(lock)) if lock.interpreter else None
+            base = self.runner.run(self._base_step(lock, debs, wheels, interpreter))
             initrd = self.runner.run(self._initrd_step(lock, kernel_folder, base)) if self._is_packaged else None
-            root = self.runner.run(self._root_step(lock, base))
+            root = self.runner.run(self._root_step(lock, base, interpreter))
             squashed = self.runner.run(self._squash_step(lock, root))
             verified = self.runner.run(self._verity_step(squashed))
             loader, needs_stand_ins = self._platform.loader, self._platform.needs_stand_ins
@@ -155,32 +154,26 @@ class Build:
         if taken_mb > budget_mb:
             self._warn(f"root and kernel take {taken_mb:.1f} MB, over the budget of {budget_mb:g} MB")
 
-    def _apt(self, suite: str) -> Apt:
-        platform = self._platform
-        sources = sources_for(platform.suite, self._local.mirror, components=platform.components)
-        if suite != platform.suite:
-            sources = newer_sources(sources, suite)
-        return Apt(self._cache / "apt" / f"{suite}-{platform.architecture}", platform.architecture, sources, self._warn)
+    def _apt(self, architecture: str) -> Apt:
+        return apt_for(self._platform, architecture, self._local.mirror, self._cache, self._warn)
 
     def _debs(self, packages: Iterable[LockedPackage]) -> list[Path]:
-        return self._apt(self._platform.suite).fetch(packages, self._cache / "debs")  # all suites are in one archive
+        return self._apt(self._platform.architecture).fetch(packages, self._cache / "debs")
 
     def _lock(self, update: bool) -> Lock:
         if not update:
             return require_lock(self._lock_file, self._platform, self._image)
         self._tell("lock: resolving the current versions")
-        platform, old = self._platform, read_lock(self._lock_file)
-        apt = self._apt(platform.suite)
-        board_apt = apt if platform.board_suite == platform.suite else self._apt(platform.board_suite)
-        return lock_present_versions(platform, self._image, apt, board_apt, old, self._lock_file)
+        return lock_present_versions(
+            self._platform, self._image, self._apt, read_lock(self._lock_file), self._lock_file
+        )
 
     @property
     def _is_packaged(self) -> bool:
         return isinstance(self._platform.kernel, PackagedKernel)
 
     def _fetch(self, lock: Lock) -> tuple[list[Path], list[Path]]:
-        left_out = set(self._image.drop_packages)
-        debs = self._debs(package for package in lock.packages if package.name not in left_out)
+        debs = self._debs(package for package in lock.packages if not self._image.leaves_out(package.name))
         wheels = fetch_wheels(self._platform, lock.wheels, self._cache / "wheels")
         if lock.compiled:
             wheels += sorted(self.runner.run(self._compile_step(lock)).iterdir())
@@ -227,10 +220,18 @@ class Build:
 
         return Step("initrd", key_of(inputs, packaged_kernel), make)
 
-    def _base_step(self, lock: Lock, debs: list[Path], wheels: list[Path]) -> Step:
+    def _interpreter_step(self, lock: Lock) -> Step:
+        packages = bytecode.of_this_machine(lock.interpreter)
+
+        def make(out: Path) -> None:
+            tree.unpack_packages(self._debs(packages), out)
+
+        return Step("interpreter", key_of([one.sha256 for one in packages], tree), make)
+
+    def _base_step(self, lock: Lock, debs: list[Path], wheels: list[Path], interpreter: Path | None) -> Step:
         image = self._image
         hashes = [[deb.stem for deb in debs], [file_sha256(wheel) for wheel in wheels]]
-        inputs = [*hashes, image.prune, image.keep, image.sourceless, lock.epoch]
+        inputs = [*hashes, image.prune, image.keep, image.sourceless, lock.epoch, interpreter and interpreter.name]
 
         def make(out: Path) -> None:
             out.mkdir(parents=True)
@@ -241,18 +242,18 @@ class Build:
             slimming.strip_libraries(out / tree.SITE)
             slimming.drop_languages(out)
             slimming.drop_spare_libraries(out)
-            bytecode.compile_tree(
-                out, ["usr/lib/python3.11", tree.SITE], sourceless=image.sourceless, skip=f"/{bytecode.OPENCV}/"
-            )
-            bytecode.compile_tree(out, [f"{tree.SITE}/{bytecode.OPENCV}"], sourceless=False)
-            missing = tree.missing_libraries(out, _OPTIONAL)
+            folders = [f"usr/lib/python{self._platform.python}", tree.SITE]
+            skip = f"/{bytecode.OPENCV}/"
+            bytecode.compile_tree(interpreter, out, folders, sourceless=image.sourceless, skip=skip)
+            bytecode.compile_tree(interpreter, out, [f"{tree.SITE}/{bytecode.OPENCV}"], sourceless=False)
+            missing = tree.missing_libraries(out)
             if missing:
                 told = "; ".join(f"{name} for {', '.join(sorted(users)[:3])}" for name, users in missing.items())
                 raise BuildError(f"pruning removed required shared libraries: {told}")
 
         return Step("base", key_of(inputs, tree, pruning, slimming, bytecode), make)
 
-    def _root_step(self, lock: Lock, base: Path) -> Step:
+    def _root_step(self, lock: Lock, base: Path, interpreter: Path | None) -> Step:
         layers = layers_of(self._image)
         files = [(str(path), path) for layer in layers for path in layer.rglob("*") if not path.is_dir()]
         named = [(name.rpartition("/rootfs/")[2], path) for name, path in files if "__pycache__" not in name]
@@ -261,11 +262,11 @@ class Build:
 
         def make(out: Path) -> None:
             shutil.copytree(base, out, symlinks=True)
-            self._lay_over(out, lock, layers)
+            self._lay_over(out, lock, layers, interpreter)
 
         return Step("root", key_of([*inputs, lock.epoch], tree, bytecode, project), make)
 
-    def _lay_over(self, root: Path, lock: Lock, layers: list[Path]) -> None:
+    def _lay_over(self, root: Path, lock: Lock, layers: list[Path], interpreter: Path | None) -> None:
         for name in _FOLDERS:
             (root / name).mkdir(parents=True, exist_ok=True)
         inittab = (layers[0] / "etc/inittab").read_text()
@@ -279,9 +280,9 @@ class Build:
         (root / "etc/resolv.conf").symlink_to("/run/resolv.conf")
         if self._image.project:
             project.install_project(root)
-            bytecode.compile_tree(root, [_OWN], sourceless=self._image.sourceless, skip="/_bundled/")
-            bytecode.compile_tree(root, [f"{_OWN}/_bundled"], sourceless=False)
-        bytecode.compile_tree(root, ["usr/lib/evbotos"], sourceless=True)
+            bytecode.compile_tree(interpreter, root, [_OWN], sourceless=self._image.sourceless, skip="/_bundled/")
+            bytecode.compile_tree(interpreter, root, [f"{_OWN}/_bundled"], sourceless=False)
+        bytecode.compile_tree(interpreter, root, ["usr/lib/evbotos"], sourceless=True)
         about = root / "etc/evbotos"
         about.mkdir(parents=True, exist_ok=True)
         (about / "platform").write_text(f"{self._platform.name}\n")
@@ -378,16 +379,16 @@ class Build:
         return Step("disk", key_of([inputs, contents], disk, grub, slots, u_boot, verity), make)
 
     def _bill_step(self, lock: Lock, debs: list[Path], wheels: list[Path]) -> Step:
-        platform, left_out = self._platform, set(self._image.drop_packages)
+        platform, image = self._platform, self._image
         loaders = [package for package in lock.build_packages if package.name in platform.disk_packages]
-        names = [package.name for package in lock.packages if package.name not in left_out]
-        inputs = [lock.model_dump(mode="json"), sorted(left_out), platform.model_dump(mode="json")]
+        names = [package.name for package in lock.packages if not image.leaves_out(package.name)]
+        inputs = [lock.model_dump(mode="json"), names, platform.model_dump(mode="json")]
 
         def make(out: Path) -> None:
             files = {**dict(zip(names, debs, strict=True)), **self._boot_packages(loaders)}
             origins = licences.with_shared({name: licences.debian_origin(deb) for name, deb in files.items()})
             origins |= {licences.wheel_name(wheel): licences.wheel_origin(wheel) for wheel in wheels}
-            out.write_text(sbom.bill_of_materials(lock, left_out, platform, origins))
+            out.write_text(sbom.bill_of_materials(lock, image, platform, origins))
 
         return Step("bill", key_of(inputs, sbom, licences), make)
 

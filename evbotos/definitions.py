@@ -167,8 +167,6 @@ def _with_includes(
         for key in LISTS:
             lists[key] += getattr(base, key)
     joined = {key: tuple(dict.fromkeys([*lists[key], *getattr(image, key)])) for key in LISTS}
-    asked = set(joined["packages"])  # an image's own packages override what an included image leaves out
-    joined["drop_packages"] = tuple(name for name in joined["drop_packages"] if name not in asked)
     return image.model_copy(update={**joined, "architectures": architectures, "project": project})
 
 
@@ -188,7 +186,6 @@ def _overridden(image: Image, local: Local) -> Image:
         key: tuple(dict.fromkeys([*getattr(image, key), *getattr(over, key)]))
         for key in ("packages", "wheels", "services")
     }
-    joined["drop_packages"] = tuple(name for name in image.drop_packages if name not in over.packages)
     replaced = {key: value for key in ("budget_mb", "layout") if (value := getattr(over, key)) is not None}
     return image.model_copy(update={**joined, **replaced})
 

@@ -17,6 +17,7 @@ from eal_actors.kernel.suggestions import did_you_mean
 Text = Annotated[str, Field(min_length=1)]
 Texts = Annotated[tuple[Text, ...], Field(strict=False)]
 PackageName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9+.-]+$")]
+PackagePattern = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9+.*-]+$")]
 WheelName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*(\[[a-z,]+\])?([=<>!~].*)?$")]
 ROOTFS: Final = Path(__file__).parent / "rootfs"
 """The parent of the files that images copy onto their root."""

@@ -70,6 +70,8 @@ class Lock(StrictModel):
     compiled: Annotated[tuple[LockedSource, ...], Field(strict=False)] = ()
     build_packages: Annotated[tuple[LockedPackage, ...], Field(strict=False)] = ()
     """Build inputs outside the root: a sysroot, the board's first boot stages."""
+    interpreter: Annotated[tuple[LockedPackage, ...], Field(strict=False)] = ()
+    """The suite's Python for build machines, which compiles the image's Python; empty for a build machine's own."""
 
 
 def asked_by(platform: Platform, image: Image) -> str:
@@ -84,7 +86,7 @@ def asked_by(platform: Platform, image: Image) -> str:
     }
     compiled = {name: list(by) for name, by in platform.compiled_wheels.items() if name in image.wheels}
     further: dict[str, object] = {"compiled": compiled, "boot_files": list(platform.boot_packages)}
-    further["board_suite"] = platform.board_suite if platform.board_suite != platform.suite else ""
+    further["backports"] = list(platform.backports)
     wanted.update({key: value for key, value in further.items() if value})
     return hashlib.sha256(json.dumps(wanted, sort_keys=True).encode()).hexdigest()
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Final
 
 from eal_actors.kernel.clock import wall_time
+from evbotos.bytecode import BUILD_MACHINES, BUILD_SUITE, interpreter_packages
 from evbotos.compiled_wheels import SYSROOT, resolve_sources
 from evbotos.errors import BuildError
 from evbotos.lock import Lock, LockedPackage, asked_by, write_lock
@@ -20,25 +21,23 @@ _KERNEL_IMAGE: Final = re.compile(r"linux-image-\d")
 
 
 def lock_present_versions(
-    platform: Platform, image: Image, apt: Apt, board_apt: Apt, old: Lock | None, path: Path
+    platform: Platform, image: Image, apt_of: Callable[[str], Apt], old: Lock | None, path: Path
 ) -> Lock:
     """Return a lock of the current versions and write it; return the old lock if nothing changed.
 
     Args:
         platform: the board.
         image: the image definition.
-        apt: the apt instance for the platform's architecture.
-        board_apt: that of its `board_suite`, which may be the same.
+        apt_of: returns the apt instance for an architecture.
         old: the previous lock.
         path: the lock file.
 
     Raises:
         BuildError: a package is unavailable, or versions conflict.
     """
+    apt = apt_of(platform.architecture)
     apt.update()
-    if board_apt is not apt:
-        board_apt.update()
-    packages = _root_packages(platform, image, apt, board_apt)
+    packages = tuple(apt.resolve(packages_of(platform, image)))
     wheels = resolve_wheels(platform, wheels_of(platform, image), provided_by(package.name for package in packages))
     sources = resolve_sources(platform, compiled_of(platform, image))
     new = Lock(
@@ -47,22 +46,17 @@ def lock_present_versions(
         image=image.name,
         asked=asked_by(platform, image),
         epoch=int(wall_time().timestamp()),
-        kernel=_kernel_package(platform, board_apt),
+        kernel=_kernel_package(platform, apt),
         packages=packages,
         wheels=tuple(wheels),
         compiled=tuple(sources),
-        build_packages=_build_packages(platform, apt, board_apt, has_sysroot=bool(sources)),
+        build_packages=_build_packages(platform, apt, has_sysroot=bool(sources)),
+        interpreter=tuple(_interpreter(platform, apt_of)),
     )
     if old is not None and old == new.model_copy(update={"epoch": old.epoch}):
         return old
     write_lock(new, path)
     return new
-
-
-def _root_packages(platform: Platform, image: Image, apt: Apt, board_apt: Apt) -> tuple[LockedPackage, ...]:
-    found = {package.name: package for package in apt.resolve(packages_of(platform, image))}
-    found |= _by_name(board_apt, (name for name in platform.firmware if name in found))
-    return tuple(found.values())
 
 
 def _kernel_package(platform: Platform, apt: Apt) -> LockedPackage:
@@ -75,11 +69,20 @@ def _kernel_package(platform: Platform, apt: Apt) -> LockedPackage:
     raise BuildError(f"{origin} provides no kernel")
 
 
-def _build_packages(platform: Platform, apt: Apt, board_apt: Apt, *, has_sysroot: bool) -> tuple[LockedPackage, ...]:
+def _build_packages(platform: Platform, apt: Apt, *, has_sysroot: bool) -> tuple[LockedPackage, ...]:
     """Return the build inputs outside the root."""
     found = {package.name: package for package in apt.resolve(SYSROOT)} if has_sysroot else {}
-    found |= _by_name(board_apt, platform.boot_packages)
+    found |= _by_name(apt, platform.boot_packages)
     return tuple(found[name] for name in sorted(found))
+
+
+def _interpreter(platform: Platform, apt_of: Callable[[str], Apt]) -> Iterator[LockedPackage]:
+    """Yield the packages of the suite's Python for build machines, unless they have it."""
+    if platform.suite != BUILD_SUITE:
+        for architecture in BUILD_MACHINES:
+            apt = apt_of(architecture)
+            apt.update()
+            yield from _by_name(apt, interpreter_packages(platform.python)).values()
 
 
 def _by_name(apt: Apt, names: Iterable[str]) -> dict[str, LockedPackage]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fnmatch import fnmatchcase
 from pathlib import PurePath
 from typing import Annotated, Any, Final, Literal
 
@@ -30,6 +31,7 @@ from evbotos.fields import (
     Mirror,
     Overlays,
     PackageName,
+    PackagePattern,
     ServiceName,
     SshKey,
     Text,
@@ -165,10 +167,10 @@ class Platform(StrictModel):
     name: Name
     description: Text
     architecture: Architecture
-    suite: Literal["bookworm"] = "bookworm"
-    """Of Debian: the images need its Python 3.11."""
-    board_suite: Literal["bookworm", "trixie-backports"] = "bookworm"
-    """Debian's suite of the kernel, the boot files and firmware: a new board needs newer ones than the root."""
+    suite: Literal["bookworm", "trixie"] = "bookworm"
+    """Of Debian: of the root, the kernel, the boot files and the firmware."""
+    backports: Annotated[tuple[PackageName, ...], Field(strict=False)] = ()
+    """Source packages whose versions are those of the suite's backports, for a board that needs newer ones."""
     wheel_tags: Texts
     """The tags of compatible Python wheels, best first."""
     floor: Text
@@ -215,6 +217,11 @@ class Platform(StrictModel):
         if isinstance(value, Emulator) and value.program != machine.emulator:
             raise ValueError(f"{info.data['architecture']} is emulated by {machine.emulator}, not {value.program}")
         return value
+
+    @property
+    def python(self) -> str:
+        """The version of the suite's Python."""
+        return {"bookworm": "3.11", "trixie": "3.13"}[self.suite]
 
     @property
     def loader(self) -> Literal["grub", "u-boot", "none"]:
@@ -284,8 +291,8 @@ class Image(StrictModel):
     """The architectures of its platforms, by default those of the included images; empty for all."""
     packages: Annotated[tuple[PackageName, ...], Field(strict=False)] = ()
     """Debian packages, installed with their dependencies but without recommendations."""
-    drop_packages: Annotated[tuple[PackageName, ...], Field(strict=False)] = ()
-    """Unneeded dependencies to leave out, such as dpkg."""
+    drop_packages: Annotated[tuple[PackagePattern, ...], Field(strict=False)] = ()
+    """Patterns of unneeded dependencies to leave out, such as dpkg; `packages`, also a user's, override them."""
     wheels: Annotated[tuple[WheelName, ...], Field(strict=False)] = ()
     """Python packages, installed with their dependencies."""
     project: bool = False
@@ -308,6 +315,11 @@ class Image(StrictModel):
     """Commands that must succeed in the booted image; they detect excessive pruning."""
     budget_mb: Budget
     layout: Layout = Layout()
+
+    def leaves_out(self, package: str) -> bool:
+        """Return whether a package is left out. Debian 13 appends `t64` to names of libraries with 64-bit times."""
+        name = package.removesuffix("t64")
+        return name not in self.packages and any(fnmatchcase(name, pattern) for pattern in self.drop_packages)
 
     @field_validator("layout")
     @classmethod

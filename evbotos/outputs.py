@@ -57,7 +57,7 @@ class Made:
 
 def manifest_of(lock: Lock, image: Image) -> dict[str, Any]:
     """Return the manifest in an image: its contents with versions."""
-    left_out = set(image.drop_packages)
+    left_out = [item.name for item in lock.packages if image.leaves_out(item.name)]
     return {
         "platform": lock.platform,
         "image": lock.image,
@@ -66,7 +66,7 @@ def manifest_of(lock: Lock, image: Image) -> dict[str, Any]:
         "release": slots.release_of(eal_actors.__version__, lock.epoch),
         "kernel": lock.kernel.version,
         "packages": {item.name: item.version for item in lock.packages if item.name not in left_out},
-        "left_out": sorted(left_out & {item.name for item in lock.packages}),
+        "left_out": sorted(left_out),
         "wheels": {item.name: item.version for item in lock.wheels},
         "compiled": {item.name: item.version for item in lock.compiled},
     }

@@ -7,10 +7,11 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Final
 
-from evbotos.apt_sources import Source
+from evbotos.apt_sources import Source, sources_for
 from evbotos.errors import BuildError, DiskFullError
 from evbotos.hashing import file_sha256
 from evbotos.lock import LockedPackage
+from evbotos.model import Platform
 from evbotos.shell import run
 
 _HELPER: Final = "/usr/lib/apt/apt-helper"
@@ -25,13 +26,22 @@ class Apt:
         architecture: Debian's name of the architecture.
         sources: the package sources.
         warn: receives warnings.
+        backports: source packages whose versions are those of the suite's backports.
     """
 
-    def __init__(self, folder: Path, architecture: str, sources: list[Source], warn: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        architecture: str,
+        sources: list[Source],
+        warn: Callable[[str], None],
+        backports: Iterable[str] = (),
+    ) -> None:
         self._folder = folder
         self._architecture = architecture
         self._sources = sources
         self._warn = warn
+        self._pins = [f"Package: src:{name}\nPin: release n=*-backports\nPin-Priority: 990\n" for name in backports]
 
     def update(self) -> None:
         """Fetch the indexes; continue with a warning if the security archive is unreachable.
@@ -115,6 +125,7 @@ class Apt:
             (folder / part).mkdir(parents=True, exist_ok=True)
         (folder / "status").touch()
         (folder / "sources.list").write_text("".join(f"{source.line()}\n" for source in sources))
+        (folder / "preferences.d/backports").write_text("\n".join(self._pins))
         settings = {
             "APT::Architecture": self._architecture,
             "Dir::State": folder / "state",
@@ -150,6 +161,25 @@ class Apt:
                     sha256=match["sha256"],
                 )
         raise BuildError(f"{name} comes from none of the known sources")
+
+
+def apt_for(platform: Platform, architecture: str, mirror: str | None, cache: Path, warn: Callable[[str], None]) -> Apt:
+    """Return the apt instance of a platform's suite, for an architecture.
+
+    Args:
+        platform: the board.
+        architecture: the board's, or that of a build machine.
+        mirror: the user's mirror, or None.
+        cache: the folder of the cache.
+        warn: receives warnings.
+
+    Raises:
+        BuildError: the build machine has no source of Debian.
+    """
+    backports = platform.backports
+    sources = sources_for(platform.suite, mirror, components=platform.components, has_backports=bool(backports))
+    folder = cache / "apt" / f"{platform.suite}-{architecture}"
+    return Apt(folder, architecture, sources, warn, backports)
 
 
 def _reason(error: BuildError) -> str:

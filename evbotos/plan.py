@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Final
 
+from evbotos.bytecode import BUILD_SUITE
 from evbotos.disk import parts_of
 from evbotos.fields import ROOTFS
 from evbotos.hosttools import find_tool, needed_for
@@ -47,7 +48,19 @@ def compiled_of(platform: Platform, image: Image) -> list[str]:
     return sorted(set(image.wheels) & set(platform.compiled_wheels))
 
 
-_BEFORE_DISK: Final = ("compiled", "kernel", "overlays", "base", "initrd", "root", "squash", "verity", "board", "grub")
+_BEFORE_DISK: Final = (
+    "compiled",
+    "kernel",
+    "overlays",
+    "interpreter",
+    "base",
+    "initrd",
+    "root",
+    "squash",
+    "verity",
+    "board",
+    "grub",
+)
 _STEPS: Final = (*_BEFORE_DISK, "disk", "sizes", "bill", "emulator")
 
 
@@ -68,7 +81,7 @@ def make_plan(platform: Platform, image: Image, lock: Lock | None) -> dict[str, 
         "packages": packages_of(platform, image),
         "wheels": wheels_of(platform, image),
         "compiled_wheels": compiled_of(platform, image),
-        **_locked(lock, set(image.drop_packages)),
+        **_locked(lock, image),
         "lock_is_current": lock is not None and lock.asked == asked_by(platform, image),
         "services": list(image.services),
         "files": files_of(image),
@@ -79,14 +92,14 @@ def make_plan(platform: Platform, image: Image, lock: Lock | None) -> dict[str, 
     }
 
 
-def _locked(lock: Lock | None, left_out: set[str]) -> dict[str, Any]:
+def _locked(lock: Lock | None, image: Image) -> dict[str, Any]:
     """Return the part of a plan that the lock file determines; None for each value without one."""
     if lock is None:
         keys = ("locked_packages", "left_out_packages", "locked_wheels", "locked_compiled_wheels", "download_mb")
         return dict.fromkeys(keys)
     return {
-        "locked_packages": [f"{one.name} {one.version}" for one in lock.packages if one.name not in left_out],
-        "left_out_packages": [f"{one.name} {one.version}" for one in lock.packages if one.name in left_out],
+        "locked_packages": [f"{one.name} {one.version}" for one in lock.packages if not image.leaves_out(one.name)],
+        "left_out_packages": [f"{one.name} {one.version}" for one in lock.packages if image.leaves_out(one.name)],
         "locked_wheels": [f"{one.name} {one.version}" for one in lock.wheels],
         "locked_compiled_wheels": [f"{one.name} {one.version}" for one in lock.compiled],
         "download_mb": round(sum(package.size for package in lock.packages) / 1e6, 1),
@@ -98,6 +111,7 @@ def step_names(platform: Platform, image: Image) -> list[str]:
     is_there = {
         "compiled": bool(compiled_of(platform, image)),
         "overlays": bool(platform.overlays),
+        "interpreter": platform.suite != BUILD_SUITE,
         "initrd": isinstance(platform.kernel, PackagedKernel),
         "board": platform.loader == "u-boot",
         "grub": platform.loader == "grub",

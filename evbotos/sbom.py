@@ -20,19 +20,19 @@ from packaging.utils import canonicalize_name
 import eal_actors
 from evbotos.licences import Origin
 from evbotos.lock import Lock, LockedPackage, LockedSource, LockedWheel
-from evbotos.model import Platform
+from evbotos.model import Image, Platform
 
 _LINUX: Final = Origin("linux", "", ("GPL-2.0-only WITH Linux-syscall-note",))
 """The kernel, by the file COPYING of its source."""
 _OWN: Final = Origin("eal-actors", eal_actors.__version__, ("Apache-2.0",))
 
 
-def bill_of_materials(lock: Lock, left_out: set[str], platform: Platform, origins: Mapping[str, Origin]) -> str:
+def bill_of_materials(lock: Lock, image: Image, platform: Platform, origins: Mapping[str, Origin]) -> str:
     """Return the bill of materials of an image.
 
     Args:
         lock: the image's lock.
-        left_out: packages that are not unpacked.
+        image: the image definition.
         platform: the board.
         origins: licences and sources by package or file.
     """
@@ -43,14 +43,11 @@ def bill_of_materials(lock: Lock, left_out: set[str], platform: Platform, origin
     own = Component(name="eal-actors", version=eal_actors.__version__, bom_ref="eal-actors")
     own.licenses.update(_licences(_OWN))
     bom.components.add(own)
-    arch = {"arch": platform.architecture}
-    board, root = arch | {"distro": platform.board_suite}, arch | {"distro": platform.suite}
-    bom.components.add(_debian(lock.kernel, _LINUX, board))
+    bom.components.add(_debian(lock.kernel, _LINUX, platform))
     loaders = [package for package in lock.build_packages if package.name in platform.disk_packages]
     for package in (*lock.packages, *loaders):
-        if package.name not in left_out:
-            is_of_board = package.name in (*platform.disk_packages, *platform.firmware)
-            bom.components.add(_debian(package, origins.get(package.name), board if is_of_board else root))
+        if not image.leaves_out(package.name):
+            bom.components.add(_debian(package, origins.get(package.name), platform))
     wheels: tuple[LockedWheel | LockedSource, ...] = (*lock.wheels, *lock.compiled)
     for wheel in wheels:
         bom.components.add(_wheel(wheel, origins.get(canonicalize_name(wheel.name))))
@@ -65,7 +62,9 @@ def _licences(origin: Origin | None) -> list[DisjunctiveLicense] | list[LicenseE
     return [DisjunctiveLicense(id=name) if is_supported_id(name) else DisjunctiveLicense(name=name) for name in names]
 
 
-def _debian(package: LockedPackage, origin: Origin | None, place: Mapping[str, str]) -> Component:
+def _debian(package: LockedPackage, origin: Origin | None, platform: Platform) -> Component:
+    suite = f"{platform.suite}-backports" if "~bpo" in package.version else platform.suite
+    place = {"arch": platform.architecture, "distro": suite}
     upstream = {} if origin is None else {"upstream": "@".join(filter(None, (origin.source, origin.source_version)))}
     url = PackageURL("deb", "debian", package.name, package.version, {**place, **upstream})
     return _component(package, url, origin, f"deb/{package.name}")

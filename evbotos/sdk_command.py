@@ -7,14 +7,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from eal_actors.kernel.clock import REAL_TIME
-from evbotos.apt_sources import sources_for
 from evbotos.build import OUTPUT, cache_folder
 from evbotos.definitions import load_definitions
 from evbotos.hashing import file_sha256
 from evbotos.hosttools import require
 from evbotos.lock import require_lock
 from evbotos.options import JsonOption, LocalOption, OutputOption, PlatformArgument
-from evbotos.packages import Apt
+from evbotos.packages import apt_for
 from evbotos.sdk import (
     ENVIRONMENT,
     IMAGE,
@@ -47,11 +46,9 @@ def sdk(
     with owned(cache), TemporaryDirectory(dir=cache, prefix=".part-sdk-") as work:
         folder = Path(work) / name
         (folder / "sysroot").mkdir(parents=True)
-        sources = sources_for(board.suite, found.local.mirror)
-        apt = Apt(cache / "apt" / f"{board.suite}-{board.architecture}", board.architecture, sources, progress.print)
+        apt = apt_for(board, board.architecture, found.local.mirror, cache, progress.print)
         progress.print("packages")
-        left_out = set(image.drop_packages)
-        debs = apt.fetch((one for one in lock.packages if one.name not in left_out), cache / "debs")
+        debs = apt.fetch((one for one in lock.packages if not image.leaves_out(one.name)), cache / "debs")
         progress.print("sysroot")
         make_sysroot(debs, folder / "sysroot")
         (folder / ENVIRONMENT).write_text(environment_text(board, python_of(folder / "sysroot")))

@@ -18,7 +18,7 @@ def group_of(name: str) -> str:
     if name.startswith(f"{SITE}/"):
         package = parts[4].removesuffix(".pyc").removesuffix(".py")
         return f"python: {package.partition('-')[0].partition('.')[0]}"
-    if name.startswith("usr/lib/python3.11/"):
+    if name.startswith("usr/lib/python3."):
         return "python: standard library"
     if ".so" in parts[-1]:
         return f"library: {parts[-1].partition('.so')[0]}"

@@ -36,8 +36,8 @@ _LAYOUTS: Final = {
     2: _Layout("Q", 32, 54, 8, 32, 40, 58, 64),
 }
 
-_SPARE: Final = ("libBrokenLocale", "libexpatw", "libmvec", "libtic", "libzstd")
-"""Libraries that come with packages of every image, and that no program loads by name at run time."""
+_SPARE: Final = ("libBrokenLocale", "libexpatw", "libmvec", "libpcre2-8", "libsystemd", "libcap", "libtic", "libzstd")
+"""Libraries that come with packages of every image, and that no program loads by name at run time, users first."""
 
 
 def strip_library(content: bytes) -> bytes:
@@ -112,14 +112,17 @@ def drop_languages(root: Path) -> None:
 
 def drop_spare_libraries(root: Path) -> None:
     """Remove those of a few libraries that no program of a tree needs, and no script for its linker names."""
-    needed = set(needed_libraries(root))
+    needed = needed_libraries(root)
     scripts = b"".join(
         path.read_bytes()
         for path in root.glob("usr/lib/*/*.so")
         if not path.is_symlink() and path.stat().st_size < 4096
     )
+    gone: set[str] = set()
     for name in _SPARE:
         files = list(root.glob(f"usr/lib/*/{name}.so*"))
-        if not any(path.name in needed or path.name.encode() in scripts for path in files):
+        users = {user for path in files for user in needed.get(path.name, ())}
+        if users <= gone and not any(path.name.encode() in scripts for path in files):
+            gone |= {path.relative_to(root).as_posix() for path in files}
             for path in files:
                 path.unlink()

@@ -6,7 +6,7 @@ import os
 import re
 import shutil
 import zipfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
@@ -51,16 +51,13 @@ def unpack_wheels(files: Iterable[Path], root: Path) -> None:
 
 
 def settle(root: Path) -> None:
-    """Do the work of the packages' scripts: busybox's commands, the linear algebra libraries, `python3`."""
+    """Do the work of the packages' scripts: busybox's commands and the linear algebra libraries."""
     _link_busybox(root)
     for library in ("blas/libblas.so.3", "lapack/liblapack.so.3"):
         for file in root.glob(f"usr/lib/*/{library}"):
             link = file.parent.parent / file.name
             if not link.is_symlink():
                 link.symlink_to(library)
-    python = root / "usr/bin/python3"
-    if not python.is_symlink() and (root / "usr/bin/python3.11").exists():
-        python.symlink_to("python3.11")
 
 
 def _link_busybox(root: Path) -> None:
@@ -129,10 +126,10 @@ def needed_libraries(root: Path) -> dict[str, list[str]]:
     return needed
 
 
-def missing_libraries(root: Path, optional: Sequence[str] = ()) -> dict[str, list[str]]:
+def missing_libraries(root: Path) -> dict[str, list[str]]:
     """Return the missing shared libraries of a tree with the programs that need them."""
     there = {path.name for path in root.rglob("*.so*")}
-    return {name: users for name, users in needed_libraries(root).items() if name not in there and name not in optional}
+    return {name: users for name, users in needed_libraries(root).items() if name not in there}
 
 
 def _is_elf(path: Path) -> bool:

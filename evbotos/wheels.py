@@ -21,8 +21,6 @@ from evbotos.lock import LockedWheel
 from evbotos.model import Platform
 from evbotos.shell import run
 
-PYTHON: Final = "3.11"
-"""Of Debian 12."""
 _DEBIAN_NAMES: Final = {"python3-yaml": "pyyaml", "python3-cffi-backend": "cffi"}
 """Debian names that differ from `python3-<package>`."""
 _MACHINES: Final = {"amd64": "x86_64", "arm64": "aarch64", "armhf": "armv7l", "i386": "i686"}
@@ -87,7 +85,7 @@ def fetch_wheels(platform: Platform, wheels: Iterable[LockedWheel], folder: Path
 
 
 def _download(platform: Platform, demands: list[str], folder: Path) -> None:
-    options = ["--no-deps", "--only-binary=:all:", "--python-version", PYTHON, "--implementation", "cp"]
+    options = ["--no-deps", "--only-binary=:all:", "--python-version", platform.python, "--implementation", "cp"]
     for tag in platform.wheel_tags:
         options += ["--platform", tag]
     pip = [sys.executable, "-P", "-m", "pip", "--disable-pip-version-check"]
@@ -99,8 +97,8 @@ def _further(
 ) -> list[tuple[str, str]]:
     """Return the further requirements of downloaded wheels, as name and requirement."""
     environment = {
-        "python_version": PYTHON,
-        "python_full_version": f"{PYTHON}.2",
+        "python_version": platform.python,
+        "python_full_version": f"{platform.python}.2",
         "platform_machine": _MACHINES[platform.architecture],
         "extra": "",
     }

@@ -1,4 +1,4 @@
-"""A C extension for Python, compiled by the SDK of the BeagleBoard."""
+"""A C extension for Python, compiled by the SDK of a board."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 
 from evbotos.hosttools import find_tool
+from evbotos.model import Platform
 from evbotos.sdk_command import sdk
+from evbotos.targets import TARGETS
 
 MODULE = """\
 #define PY_SSIZE_T_CLEAN
@@ -34,15 +36,17 @@ PyMODINIT_FUNC PyInit_odometer(void)
 """
 
 
-def built_module(folder: Path) -> Path:
-    """Make the SDK in a folder, compile the module with it, and return the module's file."""
-    if find_tool("arm-linux-gnueabihf-gcc") is None:
-        pytest.skip("gcc-arm-linux-gnueabihf is not installed")
-    sdk("beagle-armhf", output=folder)
-    with tarfile.open(folder / "evbotos-sdk-beagle-armhf.tar.xz") as archive:
+def built_module(platform: Platform, folder: Path) -> Path:
+    """Make the SDK of a board in a folder, compile the module with it, and return the module's file."""
+    target = TARGETS[platform.architecture]
+    if find_tool(f"{target.compiler}gcc") is None:
+        pytest.skip(f"{target.package} is not installed")
+    sdk(platform.name, output=folder)
+    with tarfile.open(folder / f"evbotos-sdk-{platform.name}.tar.xz") as archive:
         archive.extractall(folder, filter="tar")
     (folder / "odometer.c").write_text(MODULE)
     compile_ = "$CC $CFLAGS -shared -fPIC $PYTHON_CFLAGS odometer.c -o odometer$PYTHON_EXT_SUFFIX $LDFLAGS -lm"
-    script = f"export EVBOTOS_SDK=$PWD/evbotos-sdk-beagle-armhf; . $EVBOTOS_SDK/environment && {compile_}"
+    script = f"export EVBOTOS_SDK=$PWD/evbotos-sdk-{platform.name}; . $EVBOTOS_SDK/environment && {compile_}"
     subprocess.run(["sh", "-c", script], cwd=folder, check=True)
-    return folder / "odometer.cpython-311-arm-linux-gnueabihf.so"
+    (module,) = folder.glob(f"odometer.cpython-3*-{target.multiarch}.so")
+    return module

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from evbotos.apt_sources import Source, newer_sources, sources_for
+from evbotos.apt_sources import Source, sources_for
 from evbotos.errors import BuildError
 
 DEB822 = """Types: deb
@@ -50,12 +50,12 @@ def test_both_forms_of_apts_configuration_are_read(tmp_path: Path) -> None:
 
 
 def test_what_others_offer_is_not_debians(tmp_path: Path) -> None:
-    with pytest.raises(BuildError, match="no source of Debian's bookworm; name one as `mirror`"):
+    with pytest.raises(BuildError, match="no source of Debian; name one as `mirror`"):
         sources_for("bookworm", None, folder(tmp_path, a_list="deb http://tools.example/apt tools-bookworm main\n"))
 
 
 def test_a_newer_suite_comes_from_the_same_archives(tmp_path: Path) -> None:
-    found = newer_sources(sources_for("bookworm", None, folder(tmp_path, a_sources=DEB822)), "trixie-backports")
+    found = sources_for("trixie", None, folder(tmp_path, a_sources=DEB822), has_backports=True)
     assert [(source.uri, source.suite) for source in found] == [
         ("http://one.example/debian", "trixie"),
         ("http://one.example/debian", "trixie-updates"),
@@ -68,3 +68,11 @@ def test_a_newer_suite_comes_from_the_same_archives(tmp_path: Path) -> None:
 def test_the_users_mirror_is_the_only_source(tmp_path: Path) -> None:
     (source,) = sources_for("bookworm", "http://mine.example/debian/", folder(tmp_path, a_sources=DEB822))
     assert source.line().endswith("http://mine.example/debian bookworm main")
+
+
+def test_the_users_mirror_has_the_backports_too(tmp_path: Path) -> None:
+    found = sources_for("trixie", "http://mine.example/debian", folder(tmp_path), has_backports=True)
+    assert [(source.uri, source.suite, source.archive) for source in found] == [
+        ("http://mine.example/debian", "trixie", "main"),
+        ("http://mine.example/debian", "trixie-backports", "main"),
+    ]

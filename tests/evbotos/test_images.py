@@ -13,13 +13,17 @@ from evbotos.run_command import memory_for
 from tests.evbotos.proof import answer, built_proof, said, ssh, started, wait_for_words, wait_until
 
 _LOG = get_logger()
+NAMES = {
+    "qemu-amd64": ("minimal", "dev", "octave"),
+    "raspberry-pi-5": ("minimal", "dev", "octave", "vision", "wireless"),
+}
 
 pytestmark = [pytest.mark.evbotos, pytest.mark.slow, pytest.mark.timeout(3600)]
 
 
-@pytest.mark.parametrize("name", ["minimal", "dev", "octave"])
-def test_an_image_starts_and_fulfils_its_checks(name: str, tmp_path: Path) -> None:
-    platform, image = load_definitions().chosen("qemu-amd64", name)
+@pytest.mark.parametrize(("board", "name"), [(board, name) for board, names in NAMES.items() for name in names])
+def test_an_image_starts_and_fulfils_its_checks(board: str, name: str, tmp_path: Path) -> None:
+    platform, image = load_definitions().chosen(board, name)
     proof = built_proof(platform, image, tmp_path)
     assert proof.built.report["root_with_kernel_mb"] <= image.budget_mb.root_with_kernel
     disk = Path(shutil.copyfile(proof.built.folder / "disk.img", tmp_path / "disk.img"))

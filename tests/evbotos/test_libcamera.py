@@ -33,11 +33,13 @@ _LOG = get_logger()
 pytestmark = [pytest.mark.evbotos, pytest.mark.slow, pytest.mark.timeout(3600)]
 
 
-@pytest.fixture(scope="module")
-def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Proof, Machine]]:
-    """A running robot, whose camera is the kernel's virtual one."""
+@pytest.fixture(scope="module", params=["qemu-amd64", "raspberry-pi-5"])
+def machine(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[tuple[Proof, Machine]]:
+    """A running robot, whose camera is the kernel's virtual one; libcamera is of Debian 12 or 13."""
     folder = tmp_path_factory.mktemp("libcamera")
-    platform, image = load_definitions().chosen("qemu-amd64", "libcamera")
+    platform, image = load_definitions().chosen(request.param, "libcamera")
     proof = built_proof(platform, image, folder, fleet_text=FLEET.replace(SIM, CAMERA))
     assert proof.built.report["root_with_kernel_mb"] <= image.budget_mb.root_with_kernel
     disk = Path(shutil.copyfile(proof.built.folder / "disk.img", folder / "disk.img"))

@@ -145,7 +145,7 @@ def test_an_sdk_without_a_lock_file_is_told(tmp_path: Path) -> None:
 @pytest.mark.timeout(1500)
 def test_a_module_for_arm_is_compiled_and_loaded(tmp_path: Path) -> None:
     """The SDK of the BeagleBoard: a C extension, built here, runs in that image's Python on a Cortex-A8."""
-    module = built_module(tmp_path)
+    module = built_module(load_definitions().platform("beagle-armhf"), tmp_path)
     said = subprocess.run(["readelf", "-hA", module], capture_output=True, text=True, check=True).stdout
     assert "Tag_CPU_arch: v7" in said
     assert "hard-float ABI" in said

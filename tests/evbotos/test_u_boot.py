@@ -124,10 +124,10 @@ def test_a_package_without_its_file_is_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("name", "loader"), [("beagle-armhf", "u-boot-omap"), ("qemu-amd64", "grub-pc-bin")])
 def test_the_bill_of_materials_names_what_starts_the_board_but_nothing_of_its_emulator(name: str, loader: str) -> None:
     found = load_definitions()
-    platform = found.platform(name)
-    lock = read_lock(lock_path(platform, found.image("robot")))
+    platform, image = found.platform(name), found.image("robot")
+    lock = read_lock(lock_path(platform, image))
     assert lock is not None
-    bill = json.loads(bill_of_materials(lock, set(), platform, {}))
+    bill = json.loads(bill_of_materials(lock, image, platform, {}))
     names = {component["name"] for component in bill["components"]}
     assert loader in names
     assert not {"u-boot-sunxi", "dpkg-dev"} & names

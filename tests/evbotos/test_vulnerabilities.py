@@ -108,7 +108,7 @@ def built(tmp_path: Path) -> Path:
     lock = read_lock(lock_path(platform, image))
     assert lock is not None
     origins = {"libssl3": Origin("openssl", "3.0.17-1~deb12u2", ("Apache-2.0",)), "pykka": Origin("p", "1", ("MIT",))}
-    bill = bill_of_materials(lock, set(), platform, origins)
+    bill = bill_of_materials(lock, image, platform, origins)
     folder = tmp_path / "out/qemu-amd64-robot"
     folder.mkdir(parents=True)
     (folder / "sbom.cdx.json").write_text(bill)
