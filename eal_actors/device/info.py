@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Final
 
 from eal_actors.device.data import DataType, EALData
-from eal_actors.device.data.c_types import NUMERIC_TYPES
+from eal_actors.device.data.c_types import NUMERIC_TYPES, short_repr
 from eal_actors.device.data.texts import range_text
 from eal_actors.kernel.errors import ArgumentError
 from eal_actors.kernel.suggestions import did_you_mean
@@ -79,6 +79,8 @@ class ValueInfo:
     def __post_init__(self) -> None:
         if not isinstance(self.type, DataType):
             raise ArgumentError(f"a ValueInfo's type must be a DataType, such as DataType.DOUBLE, not {self.type!r}")
+        if not isinstance(self.shape, tuple):
+            raise ArgumentError(f"a ValueInfo's shape must be a tuple, such as (3,), not {self.shape!r}")
 
     def check(self, data: EALData, what: str) -> None:
         """Raise ArgumentError, naming `what`, unless the value has the type, shape and range."""
@@ -94,7 +96,7 @@ class ValueInfo:
             return self._shape_problem(data)
         value = data.value
         if self.choices and value not in self.choices:
-            return f"must be one of {', '.join(map(str, self.choices))}, not {value!r}"
+            return f"must be one of {', '.join(map(str, self.choices))}, not {short_repr(value)}"
         return self._number_problem(data, value) if wanted in NUMERIC_TYPES else None
 
     def _number_problem(self, data: EALData, value: Any) -> str | None:
@@ -183,7 +185,7 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> str:
     """Return the message for an unknown name, with the nearest known one as a hint."""
     if not isinstance(name, str):
         return f"unknown {kind} {name!r}: it must be a text"
-    return f"unknown {kind} {name!r}{did_you_mean(name, known)}"
+    return f"unknown {kind} {short_repr(name)}{did_you_mean(name, known)}"
 
 
 @dataclass(frozen=True)
@@ -366,4 +368,4 @@ def _to_plain(value: Any) -> Any:
 def _repr_of(data: EALData) -> str:
     """Return a value as its user wrote it, if that is short."""
     value = data.value if data.shape is None else data
-    return repr(value if isinstance(value, int | float | str | None) else data)
+    return short_repr(value) if isinstance(value, int | float | str | None) else repr(data)

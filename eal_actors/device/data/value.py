@@ -328,8 +328,8 @@ class EALData:
 
 def _array_content(value: Any) -> tuple[CType, Stored] | None:
     """Return the C type and content of a numpy array; None for anything else. Does not import numpy."""
-    numpy = sys.modules.get("numpy")
-    if numpy is None or type(value) is not numpy.ndarray:  # subclasses are for `infer`
+    array_type = getattr(sys.modules.get("numpy"), "ndarray", None)  # another thread may be importing numpy right now
+    if array_type is None or type(value) is not array_type:  # subclasses are for `infer`
         return None
     if (c_type := ARRAY_BY_DTYPE.get(value.dtype.str)) is None:  # `infer` refuses it with a message
         return None

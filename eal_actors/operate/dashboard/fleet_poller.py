@@ -41,6 +41,8 @@ POSE_RESOURCES: Final = ("Pose", "Odometry")
 """The true pose, else the pose by dead reckoning."""
 OLD_S: Final = 3.0
 """Real seconds after which a pose or charge that is not known anew is old: the one is marked, the other not shown."""
+_OLDEST_S: Final = 1e8
+"""Real seconds. A robot may stamp a pose with a time that no calendar has."""
 BATTERY_RESOURCE: Final = "Battery"
 HERE: Final = "this dashboard"
 """The controller of a resource that this process holds but has not commanded since the dashboard started."""
@@ -212,7 +214,8 @@ class _RobotPoller:
         if self._place is None or age_s <= OLD_S:
             return None
         if self._place_seen is None:
-            self._place_seen = (wall_time() - timedelta(seconds=age_s)).isoformat(timespec="seconds")
+            age = timedelta(seconds=min(age_s, _OLDEST_S))
+            self._place_seen = (wall_time() - age).isoformat(timespec="seconds")
         return self._place_seen
 
     def _read_pose(self) -> EALData | None:

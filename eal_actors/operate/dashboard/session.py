@@ -177,14 +177,17 @@ class BrowserSession:
         return client.host if client is not None else ""
 
     async def _reject(self, error: EALError, code: int) -> None:
-        if self._visitor is None:  # a stranger, who could fill the log
-            self._app_state.strangers.warn(self._address, "a browser was disconnected", error.message)
-        else:
-            get_logger().warning("a browser was disconnected", browser=self.name, reason=error.message)
+        self._log_end(error.message)
         if self._websocket.application_state is WebSocketState.CONNECTED:
             with contextlib.suppress(TimeoutError, WebSocketDisconnect, RuntimeError):
                 async with asyncio.timeout(STUCK_S):
                     await self._websocket.close(code, error.message[:100])
+
+    def _log_end(self, reason: str) -> None:
+        if self.may_stop:
+            get_logger().warning("a browser was disconnected", browser=self.name, reason=reason)
+        else:  # anybody, who could push out what operators must read
+            self._app_state.strangers.warn(self._address, "a browser was disconnected", reason)
 
     @property
     def may_stop(self) -> bool:
@@ -339,6 +342,6 @@ class BrowserSession:
             async with asyncio.timeout(STUCK_S):
                 await send(message)
         except TimeoutError:
-            get_logger().warning("a browser was disconnected", browser=self.name, reason="it stopped reading")
+            self._log_end("it stopped reading")
             self.abort()
             raise

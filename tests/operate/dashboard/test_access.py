@@ -19,6 +19,7 @@ from eal_actors.managers.network_model import is_loopback
 from eal_actors.operate.dashboard import Access, Dashboard
 from eal_actors.operate.dashboard.access import Role
 from eal_actors.operate.dashboard.limits import COMMANDS_AT_ONCE, MAX_BROWSERS, MESSAGES_AT_ONCE, TokenBucket
+from eal_actors.operate.dashboard.session import POLICY_VIOLATION
 from tests.operate.dashboard.rig import WAIT_S, connect_to, counting_fleet, open_dashboard, page_of
 
 TOKEN = "the-token-of-these-tests"  # noqa: S105  # fixed, because it is part of test names
@@ -265,6 +266,16 @@ def test_a_port_in_use_is_reported(dashboard: Dashboard, tmp_path: Path) -> None
     fleet = counting_fleet(tmp_path / "other", "two")
     with pytest.raises(ConfigError, match="cannot listen there"):
         Dashboard(fleet, port=dashboard.port)
+
+
+def test_users_who_may_only_watch_do_not_fill_the_log(dashboard: Dashboard) -> None:
+    """Each of their connections that ended badly was a line, and the pages keep the last thousand."""
+    with capture_logs() as logs:
+        for _ in range(20):
+            with page_of(dashboard) as page:
+                page.say(do="nothing")
+                assert page.hear_the_end() == POLICY_VIOLATION
+    assert len(logs) <= 1
 
 
 def test_strangers_do_not_fill_the_log(dashboard: Dashboard, client: TestClient) -> None:

@@ -195,3 +195,20 @@ def test_a_pose_and_a_charge_that_are_no_longer_known_are_not_shown_as_new(tmp_p
         for released in asked:
             released.set()
         page.hear_until(lambda: page.robots["one"]["pose_seen"] is None and page.robots["one"]["battery"] == 0.5)
+
+
+STRAY_PLUGIN = MUTE_PLUGIN.replace("import DataType", "import DataType, EALData").replace(
+    "return self.reading", "return EALData.of(self.reading, stamp_s=-1e300)"
+)
+
+
+def test_a_pose_with_a_time_of_no_calendar_stops_no_other_robot(tmp_path: Path) -> None:
+    """The age of the pose was no date, and no page had news of any robot."""
+    write_plugin(tmp_path, "mute", MUTE_PLUGIN, "Pose", "Battery")
+    write_plugin(tmp_path, "stray", STRAY_PLUGIN, "Pose", "Battery")
+    file = tmp_path / "fleet.yaml"
+    robots = "{stray: {plugins: {stray: {}}}, one: {plugins: {mute: {}}}}"
+    file.write_text(f"version: 1\nplugin_dirs: [plugins]\nrobots: {robots}\n")
+    with Fleet.load(file).connect() as mixed, open_dashboard(mixed) as dashboard, page_of(dashboard) as page:
+        page.hear_until(lambda: bool(page.robots.get("stray", {}).get("pose_seen")))
+        page.hear_until(lambda: page.robots["one"]["battery"] == 0.5)

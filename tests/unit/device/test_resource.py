@@ -293,3 +293,16 @@ def test_a_subclass_narrows_a_setting() -> None:
 def test_a_setting_without_a_first_value_names_its_class() -> None:
     with pytest.raises(AttributeError, match="Lamp gives its setting 'mode' no first value"):
         Lamp().get_config("mode")
+
+
+def test_a_refused_text_is_cut_short_in_the_message() -> None:
+    """A value of megabytes went whole into the error, and with it to the log and to each page of the dashboard."""
+    info = ValueInfo(DataType.DOUBLE, shape=(2,))
+    assert len(str(info.problem(EALData.of("x" * 1_000_000)))) < 200
+    modes = ValueInfo(DataType.CHAR, choices=("fast", "slow"))
+    assert len(str(modes.problem(EALData.of("x" * 1_000_000)))) < 200
+
+
+def test_a_shape_that_is_no_tuple_is_refused() -> None:
+    with pytest.raises(ArgumentError, match=r"shape must be a tuple, such as \(3,\), not None"):
+        ValueInfo(DataType.DOUBLE, shape=None)  # type: ignore[arg-type]

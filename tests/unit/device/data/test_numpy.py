@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import struct
 import subprocess
 import sys
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -212,3 +214,9 @@ def test_import_leaves_numpy_alone() -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
 
     assert (done.stdout, done.stderr) == ("False\n", "")
+
+
+def test_values_are_made_while_another_thread_imports_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The half-imported module lacks `ndarray`: a twist of the dashboard failed, and ended its page's connection."""
+    monkeypatch.setitem(sys.modules, "numpy", ModuleType("numpy"))
+    assert EALData.of([0.5, 0.0]).payload == struct.pack("<2d", 0.5, 0.0)
