@@ -115,11 +115,14 @@ def test_a_heartbeat_reaches_the_robots_from_a_controller_in_its_own_name_alone(
 def test_an_observer_reads_but_does_not_command(served: Served) -> None:
     with open_session(controller_config(as_seen_by(served.fleet, "display"))) as display:
         assert eventually(lambda: ask_each(display, "_/hello", "display") == ["r1", "r2"])
-        for method in ("get_status", "get_value", "send_req", "read_comm", "get_config"):
+        for method in ("get_status", "get_value", "send_req", "get_config"):
             assert ask(display, f"eal/f/r1/Wheels/{method}", "display", least=1) == ["r1"], method
         served.asked.clear()
         for key in (
-            *(f"r1/Wheels/{method}" for method in ("send_cmd", "set_value", "set_config", "write_comm", "halt")),
+            *(
+                f"r1/Wheels/{method}"
+                for method in ("send_cmd", "set_value", "set_config", "read_comm", "write_comm", "halt")
+            ),
             *(f"r1/_/{method}" for method in ("stop", "resume", "reattach")),
             "r1/**",
             "*/*/send_cmd",

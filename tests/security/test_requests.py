@@ -1,4 +1,4 @@
-"""Requests in free text may do anything, so who may not command a resource may not send them to it."""
+"""Calls that look like readings and are none: requests in free text may do anything, and bytes are read once."""
 
 from __future__ import annotations
 
@@ -25,3 +25,18 @@ def test_an_observer_sends_declared_requests_alone(tmp_path: Path) -> None:
             line.send_req("of the controller", timeout_s=WAIT_S).get()
             written = line.read_comm(100, timeout_s=WAIT_S).get()
     assert bytes(written.payload) == b"of the controller"
+
+
+def test_an_observer_takes_no_bytes_from_a_controller(tmp_path: Path) -> None:
+    """It got the answer of a device, and the controller waited for it in vain."""
+    rig = secure_rig(tmp_path, make_keys(tmp_path / "keys"), dead_man_s=60.0)
+    with (
+        rig.served_here(),
+        ready(Fleet(as_seen_by(rig.config, "display"))) as display,
+        ready(Fleet(rig.config)) as fleet,
+    ):
+        line = fleet["r1"]["Line"]
+        line.write_comm("of the device", timeout_s=WAIT_S).get()
+        with pytest.raises(AccessDeniedError, match="r1/Line: does not grant read_comm to 'display'"):
+            display["r1"]["Line"].read_comm(100, timeout_s=WAIT_S).get()
+        assert bytes(line.read_comm(100, timeout_s=WAIT_S).get().payload) == b"of the device"

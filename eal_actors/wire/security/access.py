@@ -20,8 +20,8 @@ from eal_actors.managers.keys.revocation import revoked_names
 from eal_actors.managers.network_model import Grant, SecurityConfig
 from eal_actors.wire.format import keys
 
-OBSERVER_METHODS: Final = ("get_status", "get_value", "send_req", "read_comm", "get_config")
-"""Methods of a resource that an observer may call."""
+OBSERVER_METHODS: Final = ("get_status", "get_value", "send_req", "get_config")
+"""Methods of a resource that an observer may call. `read_comm` takes the bytes from who waits for them."""
 OBSERVER_ROBOT_METHODS: Final = (keys.HELLO, keys.PING, keys.MEMORY)
 """Methods of a robot that an observer may call."""
 LIMITED_ROBOT_METHODS: Final = (
