@@ -17,6 +17,8 @@ WALL_RADIUS_M: Final = 0.1
 """Rounding radius of the walls: they are thick, so that nothing passes them in one tick."""
 
 _PITCHES_M: Final = (1.0, 0.5)  # of the grid of places, the coarser first
+_MOST_CELLS: Final = 100
+"""Places of the grid on each side of the centre: a room may be as large as the largest number."""
 _WALL_FRICTION: Final = 0.5
 _WALL_NAMES: Final = ("west", "south", "east", "north")  # in the order of `_walls`
 
@@ -139,7 +141,8 @@ def _grid(width_m: float, height_m: float) -> list[tuple[float, float]]:
     """Return places around the centre, the inner ones first; a coarse grid, then a finer one."""
     spots = []
     for pitch_m in _PITCHES_M:
-        columns, rows = (max(0, math.floor((size_m / 2 - pitch_m / 2) / pitch_m)) for size_m in (width_m, height_m))
+        cells = ((size_m / 2 - pitch_m / 2) / pitch_m for size_m in (width_m, height_m))
+        columns, rows = (math.floor(min(max(0.0, number), _MOST_CELLS)) for number in cells)
         grid = [(x * pitch_m, y * pitch_m) for x in range(-columns, columns + 1) for y in range(-rows, rows + 1)]
         spots += sorted(grid, key=lambda spot: (math.hypot(*spot), spot))
     return spots

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import combinations
+from itertools import combinations, islice
 from pathlib import Path
 from typing import Final, TypeAlias
 
@@ -30,6 +30,7 @@ from eal_actors.kernel.yaml_tree import YamlPath
 WorldProblem: TypeAlias = tuple[YamlPath, str]
 """The path of a value and the error there."""
 
+_MOST_PROBLEMS: Final = 1000  # nobody reads more, and a million things in one place take the memory
 _ROUNDING_M: Final = 1e-9
 
 
@@ -247,6 +248,6 @@ def load_world(path: str | Path) -> WorldModel:
     tree = load_yaml(find_file(path, "world"))
     require_kind(tree, "world")
     world = model_of(WorldModel, tree)
-    if problems := [tree.problem(path, message) for path, message in validate(world)]:
+    if problems := [tree.problem(path, message) for path, message in islice(validate(world), _MOST_PROBLEMS)]:
         raise ConfigError(problems)
     return world

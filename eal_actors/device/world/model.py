@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Annotated, Any, Final, Literal, Self
 
 from pydantic import AfterValidator, Discriminator, Field, NonNegativeFloat, PositiveFloat, Tag, model_validator
@@ -29,6 +30,9 @@ Palette = Annotated[
     tuple[Colour, ...], Field(strict=False, json_schema_extra={"minItems": 1}), AfterValidator(_has_colours)
 ]
 """One colour or more."""
+
+_MOST: Final = 1000
+"""The most things of one kind that are compared with one another, and corners of a zone."""
 
 Degrees = Annotated[float, Field(ge=-360, le=360)]
 
@@ -199,7 +203,7 @@ class NamedPlace(FloorItem):
 
 FloorPoint = Annotated[tuple[float, float], Field(strict=False)]
 """x and y."""
-KeepOutZone = Annotated[tuple[FloorPoint, ...], Field(strict=False, min_length=3)]
+KeepOutZone = Annotated[tuple[FloorPoint, ...], Field(strict=False, min_length=3, max_length=_MOST)]
 """The corners of a polygon on the floor, in order; its edges must not cross."""
 
 
@@ -328,14 +332,14 @@ class WorldModel(StrictModel):
     """Seed of the world's own random choices, such as the patterns of textures. Robots use the fleet's seed."""
     textures: dict[Name, SurfaceTexture] = Field(default={}, json_schema_extra=NAMES_ONLY)
     surfaces: Surfaces = Surfaces()
-    posters: tuple[Poster, ...] = Field(default=(), strict=False)
-    obstacles: tuple[AnyObstacle, ...] = Field(default=(), strict=False)
-    boxes: tuple[MovableBox, ...] = Field(default=(), strict=False)
-    beacons: tuple[Beacon, ...] = Field(default=(), strict=False)
-    drops: tuple[Drop, ...] = Field(default=(), strict=False)
+    posters: tuple[Poster, ...] = Field(default=(), strict=False, max_length=_MOST)
+    obstacles: tuple[AnyObstacle, ...] = Field(default=(), strict=False, max_length=_MOST)
+    boxes: tuple[MovableBox, ...] = Field(default=(), strict=False, max_length=_MOST)
+    beacons: tuple[Beacon, ...] = Field(default=(), strict=False, max_length=_MOST)
+    drops: tuple[Drop, ...] = Field(default=(), strict=False, max_length=_MOST)
     places: dict[Name, NamedPlace] = Field(default={}, json_schema_extra=NAMES_ONLY)
     """Places by name, for programs and scenarios."""
-    keep_out: tuple[KeepOutZone, ...] = Field(default=(), strict=False)
+    keep_out: tuple[KeepOutZone, ...] = Field(default=(), strict=False, max_length=_MOST)
     """Zones that planned paths avoid."""
     lighting: Lighting = Lighting()
     starts: Starts = ()
@@ -345,7 +349,7 @@ class WorldModel(StrictModel):
     """Cameras above the floor, for the plugin `tracker`."""
     physics: Physics = Physics()
 
-    @property
+    @cached_property
     def solid_obstacles(self) -> tuple[BoxObstacle | CircleObstacle, ...]:
         """The obstacles, with partitions as blocks."""
         return tuple(part.as_box() if isinstance(part, Partition) else part for part in self.obstacles)

@@ -221,3 +221,11 @@ def test_a_disc_covers_its_radius() -> None:
 )
 def test_blocks_overlap_when_they_share_more_than_an_edge(other: BoxObstacle | CircleObstacle, expected: bool) -> None:
     assert overlap(block(0, 0, 2, 2), other) is expected
+
+
+def test_a_file_with_too_many_things_to_compare_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Four thousand boxes took half a minute, and in one place all memory too."""
+    boxes = "\n".join(f"- {{name: b{number}, x_m: 0, y_m: 0}}" for number in range(1001))
+    found = problems(tmp_path, monkeypatch, f"boxes:\n{boxes}")
+    assert found == ["w.yaml:6:1: boxes: has 1001 items, but may have at most 1000"]
+    assert len(problems(tmp_path, monkeypatch, f"boxes:\n{boxes.rpartition(chr(10))[0]}")) == 1000

@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from eal_actors.kernel.errors import PluginError, UnavailableError
 from eal_actors.plugin import EALData
 from plugins.sim import plugin as sim
+from plugins.sim.arena import places
 from tests.unit.plugins.sim.rig import Fleet, arena
 
 COMMON = [
@@ -147,3 +148,11 @@ def test_a_world_without_calibration_turns_too_little() -> None:
         turned[calibrated] = robot.pose[2] / 1.5707963
     assert turned[True] == pytest.approx(0.98, abs=0.02)
     assert turned[False] == pytest.approx(1 / 1.2, abs=0.02)
+
+
+def test_robots_find_places_in_a_room_of_any_size() -> None:
+    """The grid of places had one for each metre of the room, and filled the memory."""
+    found = list(places(arena(5.0, 1e308)))
+    assert found[0] == (0.0, 0.0, 0.0)
+    assert len(found) < 10_000
+    assert len(list(places(arena(1e308, 1e308)))) < 100_000
