@@ -21,7 +21,8 @@ from eal_actors.operate.hands.sticks import EventReader, Sticks
 
 PERIOD_S: Final = 0.1
 """Real seconds between two messages to a robot; the dead-man's switch halts after three missed ones."""
-_MOST_BYTES: Final = 4096
+_MOST_BYTES: Final = 1 << 16
+"""All that a pipe or a device keeps: of the events of a past stall, only the last state may drive."""
 
 Report = Callable[[str], None]
 

@@ -108,6 +108,20 @@ def test_release_unplugging_and_silence_halt(fleet: Fleet, hand: Callable[..., H
     drive(silent, bases[0])
 
 
+def test_a_press_that_has_ended_before_it_is_read_drives_nothing(fleet: Fleet) -> None:
+    """A program that was stopped for a while finds the events of that time at once; a part of them drove."""
+    read, write = os.pipe()
+    os.set_blocking(read, False)
+    os.write(write, FULL + HELD + 1000 * FULL + LET_GO)
+    os.close(write)
+    with pytest.raises(EALError, match="have ended"):
+        HandDriver(fleet, ["one"], HandSettings(), lambda _: None).run(InputSource("pipe", read, {}))
+    os.close(read)
+    fleet["one"]["Base"].send_cmd("turn90").get()  # behind every earlier call
+    base = resource_of(fleet, "one", "Base")
+    assert (base.twists, base.halts) == (0, 0)
+
+
 def test_the_group_button_chooses_one_robot_after_another(fleet: Fleet, hand: Callable[..., Hand]) -> None:
     one, two = (resource_of(fleet, name, "Base") for name in ("one", "two"))
     pad = hand()
