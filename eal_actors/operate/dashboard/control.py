@@ -2,6 +2,8 @@
 
 Robots on the network reserve a resource for the controller that commands it. The dashboard releases a resource IDLE_S
 after its last command there, so that other controllers can use it.
+
+A scenario and a hand that drives would end each other's commands in turn. So the one that comes later is refused.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import REAL_TIME, Clock
+from eal_actors.kernel.errors import ResourceBusyError
 from eal_actors.kernel.log import get_logger
 from eal_actors.operate.dashboard.state_store import CurrentSteps, StateStore
 
@@ -36,21 +39,48 @@ class _Use:
 class ControlRegistry:
     """Counts the current commands of each resource, by browser or scenario.
 
-    Callers `acquire` a resource before a command and call `done` at its end. So a release cannot overtake a command: it
-    is sent before the command, or not at all. Thread: any; never blocks.
+    Callers `acquire` a resource before a command and call `done` at its end; hands `drive` and `undrive`. So a release
+    cannot overtake a command: it is sent before the command, or not at all. Thread: any; never blocks.
     """
 
     def __init__(self, clock: Clock = REAL_TIME) -> None:
         self._clock = clock
         self._lock = threading.Lock()
         self._uses: dict[tuple[str, str], _Use] = {}
+        self._driven: set[str] = set()
 
     def acquire(self, robot: str, resource: str, by: str) -> None:
-        """Record that a command to a resource, or to WHOLE, is about to start."""
+        """Record that a command to a resource, or to WHOLE, is about to start.
+
+        Raises ResourceBusyError for WHOLE if the robot is driven by hand.
+        """
         with self._lock:
-            use = self._uses.setdefault((robot, resource), _Use(by))
-            use.by = by
-            use.count += 1
+            if resource == WHOLE and robot in self._driven:
+                raise ResourceBusyError(f"it is driven by hand: release the keys to start {by}", robot=robot)
+            self._count(robot, resource, by)
+
+    def drive(self, robot: str, resource: str, by: str) -> None:
+        """Record that a hand is about to drive a robot until `undrive`.
+
+        Raises ResourceBusyError if a scenario commands the robot.
+        """
+        with self._lock:
+            whole = self._uses.get((robot, WHOLE))
+            if whole is not None and whole.count > 0:
+                raise ResourceBusyError(f"{whole.by} commands it: abort the scenario to drive by hand", robot=robot)
+            self._count(robot, resource, by)
+            self._driven.add(robot)
+
+    def _count(self, robot: str, resource: str, by: str) -> None:
+        use = self._uses.setdefault((robot, resource), _Use(by))
+        use.by = by
+        use.count += 1
+
+    def undrive(self, robot: str, resource: str) -> None:
+        """Record that a hand has ceased to drive a robot."""
+        with self._lock:
+            self._driven.discard(robot)
+        self.done(robot, resource)
 
     def done(self, robot: str, resource: str) -> None:
         """Record the end of a command."""

@@ -103,6 +103,7 @@ class RunManager:
             ScenarioError: no such file, another run is active, or the run's folder cannot be made.
             ConfigError: the file or the parameters are wrong, or the fleet does not fit.
             RobotFailedError: a robot of the scenario did not start.
+            ResourceBusyError: a robot of the scenario is driven by hand.
         """
         if (path := self._files().get(file)) is None:
             raise ScenarioError(f"there is no scenario {file!r} in the dashboard's folder of scenarios")
@@ -115,12 +116,12 @@ class RunManager:
 
     def _start(self, plan: Plan) -> None:
         """Start a run and its record. Thread: holds the lock."""
-        record = RunRecord(self._fleet, plan, self._runs_dir) if self._runs_dir is not None else None
-        self._number += 1
         with ExitStack() as undo:
             for robot in plan.robots:
                 self._control.acquire(robot, WHOLE, f"scenario {plan.scenario.name}")
                 undo.callback(self._control.done, robot, WHOLE)
+            record = RunRecord(self._fleet, plan, self._runs_dir) if self._runs_dir is not None else None
+            self._number += 1
             if record is not None:
                 record.start()
                 undo.callback(record.cancel)

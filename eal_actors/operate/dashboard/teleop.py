@@ -91,7 +91,7 @@ class Teleop:
 
         Raises:
             UnsupportedError: the robot takes no twist.
-            ResourceBusyError: another browser drives it.
+            ResourceBusyError: another browser drives it, or a scenario commands it.
             StaleCommandError: the press has ended.
             EALError: the robot does not exist, or has failed.
         """
@@ -105,7 +105,7 @@ class Teleop:
             if current is not None and current.browser != browser:
                 raise ResourceBusyError("another browser drives it", robot=robot)
             if current is None:
-                self._control.acquire(robot, DRIVE_RESOURCE, browser)
+                self._control.drive(robot, DRIVE_RESOURCE, browser)
             self._presses[robot] = _Press(browser, press, on_error)
             self._dead_man.command(browser, robot, now_s)
             answer = base.set_value(list(twist))
@@ -150,7 +150,7 @@ class Teleop:
         press = self._presses.pop(robot)
         self._ended[press.browser] = max(press.number, self._ended.get(press.browser, -1))
         self._dead_man.halted(robot)
-        self._control.done(robot, DRIVE_RESOURCE)
+        self._control.undrive(robot, DRIVE_RESOURCE)
         return press
 
     def _halt(self, robot: str) -> None:

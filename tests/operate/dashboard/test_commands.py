@@ -13,8 +13,10 @@ import pytest
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import EALError, ResourceBusyError, StaleCommandError, UnsupportedError
 from eal_actors.operate.dashboard import Dashboard
-from eal_actors.operate.dashboard.control import ControlRegistry
+from eal_actors.operate.dashboard.control import ControlRegistry, DashboardContext
 from eal_actors.operate.dashboard.dispatcher import HEARD_S
+from eal_actors.operate.dashboard.run_manager import RunManager
+from eal_actors.operate.dashboard.state_store import CurrentSteps, StateStore
 from eal_actors.operate.dashboard.teleop import SILENCE_S, Teleop, Twist
 from tests.manual_clock import ManualClock
 from tests.operate.dashboard.rig import WAIT_S, open_dashboard, page_of, resource_of, wait_for
@@ -227,12 +229,28 @@ def test_a_browser_that_disconnects_halts_its_robot(dashboard: Dashboard, fleet:
     wait_for(base, lambda: base.halts >= 1 and base.twist == [0.0, 0.0])
 
 
+def test_a_robot_that_a_scenario_commands_is_not_driven_by_hand(dashboard: Dashboard, fleet: Fleet) -> None:
+    """A drive message ended the scenario's command, and the scenario failed."""
+    with page_of(dashboard) as page:
+        page.ask(do="start", file="wait.yaml")
+        page.hear_until(lambda: sum(event["event"] == "step_started" for event in page.events) == 2)
+        page.drive(robot="one", press=1, speed_m_s=0.2, turn_rad_s=0.0)
+        page.hear_until(lambda: bool(page.drive_errors))
+        assert page.drive_errors[0]["code"] == "resource_busy"
+        assert page.drive_errors[0]["error"] == "scenario wait commands it: abort the scenario to drive by hand"
+        page.ask(do="control", what="abort")
+        page.hear_until(lambda: page.run["phase"] == "ended")
+        assert page.run["outcome"] == "aborted"
+    assert resource_of(fleet, "one", "Base").twists == 0
+
+
 class _Driver:
     """Drives by hand, with a manual clock."""
 
     def __init__(self, fleet: Fleet) -> None:
         self.clock = ManualClock()
-        self.teleop = Teleop(fleet, ControlRegistry(self.clock), self.clock)
+        self.control = ControlRegistry(self.clock)
+        self.teleop = Teleop(fleet, self.control, self.clock)
         self.errors: list[EALError] = []
         self.has_failed = threading.Event()
 
@@ -292,6 +310,22 @@ def test_one_driver_at_a_time(driver: _Driver) -> None:
         driver.drive("b", "one", 1)
     driver.teleop.release("a", "one")
     driver.drive("b", "one", 1)
+
+
+def test_no_scenario_starts_with_a_robot_that_is_driven_by_hand(driver: _Driver, fleet: Fleet, tmp_path: Path) -> None:
+    (tmp_path / "wait.yaml").write_text(SCENARIO)
+    runs = RunManager(
+        DashboardContext(fleet, StateStore(), CurrentSteps(), driver.control), tmp_path, tmp_path / "runs"
+    )
+    driver.drive("a", "two", 1)
+    with pytest.raises(ResourceBusyError, match="two: it is driven by hand: release the keys to start scenario wait"):
+        runs.start("wait.yaml", {})
+    driver.drive("b", "one", 1)  # the scenario keeps nothing
+    driver.teleop.release("b", "one")
+    assert list((tmp_path / "runs").glob("*")) == []
+    driver.teleop.release("a", "two")
+    runs.start("wait.yaml", {})
+    runs.close()
 
 
 def test_after_a_stop_driving_is_refused(driver: _Driver, fleet: Fleet) -> None:
