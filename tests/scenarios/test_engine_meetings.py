@@ -161,6 +161,23 @@ def test_who_fails_before_a_start_together_keeps_nobody_waiting(tmp_path: Path) 
     assert set(start.begins) == {"b", "c"}
 
 
+def test_robots_that_wait_for_each_other_in_different_steps_fail(tmp_path: Path) -> None:
+    """They stood still for ever."""
+    with rigs(tmp_path, clock=LockStepClock(), a={}, b={}) as fleet:
+        body = f"""{ON}
+    - if: index == 0
+      then: [{{send_cmd: {{resource: Base, cmd: now}}, together: true}}]
+      else: [{{send_cmd: {{resource: Base, cmd: go1}}, together: true}}]
+"""
+        report = Run(make_plan(scenario(tmp_path, body), fleet), fleet).start().get(timeout=10_000)
+
+    assert report.outcome == "failed"
+    assert report.error is not None
+    assert report.error.message == (
+        "b did not come to this step with `together` within 600 s: all robots must begin by the same step"
+    )
+
+
 def test_a_command_that_fails_before_the_common_start_does_not_end_before_its_begin(tmp_path: Path) -> None:
     with rigs(tmp_path, a={}, b={}) as fleet:
         fleet.stop("kept still").get()

@@ -84,10 +84,11 @@ class Barriers:
         """Stop waiting; it has no effect after the meeting."""
         self._present.get(key, {}).pop(task, None)
 
-    def missing(self, key: Hashable) -> list[str]:
-        """Return the names of the expected tasks that are not present."""
+    def missing(self, key: Hashable, task: StepTask) -> str:
+        """Return the names of the expected tasks other than `task` that are not present; of many, the first three."""
         present = self._present.get(key, {})
-        return [task.name for task in self._expected.get(key, {}) if task not in present]
+        names = [one.name for one in self._expected.get(key, {}) if one not in present and one.name != task.name]
+        return ", ".join(names) if len(names) <= 3 else f"{', '.join(names[:3])} and {len(names) - 3} more"
 
     def _release(self, key: Hashable) -> None:
         present = self._present.get(key)

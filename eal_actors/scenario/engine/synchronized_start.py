@@ -8,7 +8,7 @@ from typing import Any, Final
 from eal_actors.actors.call import Call
 from eal_actors.actors.future import Future
 from eal_actors.facade.synchronized_start import DelayMeter, skew
-from eal_actors.kernel.errors import CallCancelledError
+from eal_actors.kernel.errors import CallCancelledError, DeadlineError
 from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.frames import ExecutionContext, Participant, StepTask
 from eal_actors.scenario.engine.loop import Coroutine
@@ -21,6 +21,8 @@ _LEAD_S: Final = 0.002
 _LEAD_EACH_S: Final = 0.0002
 """Maximum real seconds to send one command."""
 _PINGS: Final = 3
+_MEET_S: Final = 600.0
+"""Seconds of the fleet's clock that a robot waits for the others: they may wait for it in another step."""
 
 
 class SynchronizedStart:
@@ -102,18 +104,22 @@ def join_start(
 ) -> Generator[Future[Any], None, SynchronizedStart | None]:
     """Meet the other robots of the `on`, and agree on a time; None in `finally`, where robots do not meet.
 
-    Raises CallCancelledError if the run, the task or the robot was stopped.
+    Raises CallCancelledError if the run, the task or the robot was stopped, and DeadlineError if others do not come.
     """
     if context.is_finally:
         return None
     key, task = step.meeting(context.frame), context.task
     meeting = run.barriers.arrive(key, task)
     try:
-        yield from run.wait(context, meeting)
-        met = meeting.get()
-    except CallCancelledError:
+        is_met = yield from run.wait_within(context, meeting, _MEET_S)
+    finally:
         run.barriers.withdraw(key, task)
-        raise
+    if not is_met:
+        raise DeadlineError(
+            f"{run.barriers.missing(key, task)} did not come to this step with `together` within {_MEET_S:g} s: "
+            "all robots must begin by the same step"
+        )
+    met = meeting.get()
     start: SynchronizedStart | None = met.agreement
     if start is None:
         start = met.agreement = SynchronizedStart(run, path, met.tasks)

@@ -49,6 +49,5 @@ class BarrierStep(WaitingStep, kind="barrier"):
         finally:
             run.barriers.withdraw(key, context.task)
         if not is_met:
-            names = [name for name in run.barriers.missing(key) if name != context.task.name]
-            few = ", ".join(names) if len(names) <= 3 else f"{', '.join(names[:3])} and {len(names) - 3} more"
-            raise DeadlineError(f"barrier '{self.barrier}': {few} did not come within {timeout_s:g} s")
+            missing = run.barriers.missing(key, context.task)
+            raise DeadlineError(f"barrier '{self.barrier}': {missing} did not come within {timeout_s:g} s")
