@@ -34,6 +34,8 @@ _PIECE_BYTES: Final = 65536
 class Line(Resource):
     """Sends and receives bytes; get_status: the number of bytes to read.
 
+    Unread bytes stay when the port reopens: they may be the peer's last answer before it closed.
+
     Args:
         timeout_s: longest wait of a read or a write.
     """
