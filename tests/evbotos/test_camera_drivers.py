@@ -66,6 +66,8 @@ ABSENT = {
     "ov5647": r"ov5647 \d-0036: write sensor_oe_enable_regs error",
 }
 """The driver has its clock, lanes and voltages, and nobody answers on the bus (-110)."""
+ABSENT_CAN = r"mcp251x spi\d\.0: error -110: Cannot initialize MCP2515\. Wrong wiring\?"
+"""The driver has its clock, pins and interrupt, and the bus, which is memory, moves nothing."""
 
 pytestmark = [pytest.mark.evbotos, pytest.mark.slow, pytest.mark.timeout(7200)]
 
@@ -121,6 +123,10 @@ def test_a_driver_refuses_a_wrong_clock(folder: Path, tmp_path: Path) -> None:
     for part in (name, "raspberry-pi-5-cam0.dtsi", "imx219.dtsi"):
         (tmp_path / part).write_text((OVERLAYS / part).read_text().replace("<24000000>", "<25000000>"))
     assert "xclk frequency not supported: 25000000 Hz" in said(folder, [str(tmp_path / name)], tmp_path)
+
+
+def test_the_driver_of_a_can_board_is_asked(folder: Path, tmp_path: Path) -> None:
+    assert re.search(ABSENT_CAN, said(folder, ["raspberry-pi-5-mcp2515.dts"], tmp_path))
 
 
 def test_linux_makes_no_serial_port_at_addresses_of_another_device(folder: Path, tmp_path: Path) -> None:
