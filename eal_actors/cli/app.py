@@ -18,6 +18,7 @@ from eal_actors.cli.options import EalCommand, EalCommandGroup, GlobalOptions, L
 from eal_actors.cli.streams import failsafe_output
 from eal_actors.kernel.errors import EALError
 from eal_actors.kernel.log import LogFormat, configure_logging
+from eal_actors.kernel.printable import printable
 
 _COMMANDS: Final = {
     "run": "run:run_scenario",
@@ -125,6 +126,7 @@ class _EalProgram(EalCommandGroup):
             raise typer.Exit(report_error(error, GlobalOptions.of(ctx), as_json=as_json)) from error
         except _UsageError as error:
             if not as_json:
+                error.message = printable(error.message)  # typer has a console of its own
                 raise
             write_error("usage", error.format_message(), ExitCode.BAD_INPUT)
             raise typer.Exit(ExitCode.BAD_INPUT) from error

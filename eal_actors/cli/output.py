@@ -20,7 +20,7 @@ from typing_extensions import override
 
 from eal_actors.device.data import DataType, EALData
 from eal_actors.kernel.non_blocking_stream import NonBlockingStream
-from eal_actors.kernel.printable import printable
+from eal_actors.kernel.printable import printable, printable_json
 
 _PIPE_WIDTH: Final = 160  # columns of a table in a pipe or a file: wide, so that lines stay whole for grep
 PAGE_WIDTH: Final = 80
@@ -98,7 +98,7 @@ def write_json(value: Any) -> None:
 
     stream = json_output()
     is_unicode = (stream.encoding or "utf-8").lower().startswith("utf")
-    stream.write(as_json(value, indent=2, ensure_ascii=not is_unicode) + "\n")
+    stream.write(printable_json(as_json(value, indent=2, ensure_ascii=not is_unicode)) + "\n")
 
 
 def counted(number: int, noun: str) -> str:

@@ -10,6 +10,7 @@ by a plugin, names them.
 
 from __future__ import annotations
 
+import io
 import logging
 import os
 import sys
@@ -60,6 +61,13 @@ def _without_controls(_: object, __: str, event: structlog.typing.EventDict) -> 
     return {key: printable(value) if isinstance(value, str) else value for key, value in event.items()}
 
 
+def _write_traceback(stream: TextIO, exc_info: structlog.typing.ExcInfo) -> None:
+    """Write a traceback; its last line may be a text of others too."""
+    text = io.StringIO()
+    structlog.dev.plain_traceback(text, exc_info)
+    stream.write(printable(text.getvalue()))
+
+
 def _send_on(_: object, __: str, event: structlog.typing.EventDict) -> structlog.typing.EventDict:
     """Give the line to Python's own `logging` too, as the logger `eal_actors`, if the program has handlers there."""
     level = logging.getLevelNamesMapping().get(str(event.get("level", "")).upper(), logging.ERROR)
@@ -89,7 +97,7 @@ def configure_logging(format: LogFormat = "human", level: str = "info", stream: 
     if format == "json":
         renderer = structlog.processors.JSONRenderer(default=str)
     else:
-        renderer = structlog.dev.ConsoleRenderer(colors=out.isatty(), exception_formatter=structlog.dev.plain_traceback)
+        renderer = structlog.dev.ConsoleRenderer(colors=out.isatty(), exception_formatter=_write_traceback)
     shared: list[structlog.typing.Processor] = [
         _add_context,
         structlog.processors.add_log_level,
