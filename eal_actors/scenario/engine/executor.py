@@ -30,15 +30,14 @@ def perform_steps(run: RunContext, steps: Sequence[Step], path: str, context: Ex
         if not run.may_begin(context):
             return
         if run.losses is not None and run.losses.skips(context, step):
-            _record_skip(run, context, step, f"{path}[{index}]")
+            record_skip(run, context, step, step.describe(context.frame.scenario.parameters), f"{path}[{index}]")
         else:
             yield from step.perform(run, context.of(step), f"{path}[{index}]")
 
 
-def _record_skip(run: RunContext, context: ExecutionContext, step: Step, path: str) -> None:
+def record_skip(run: RunContext, context: ExecutionContext, step: Step, label: str, path: str) -> None:
     """Record that a robot that was lost leaves out a step."""
     robot = context.required_robot
-    label = step.describe(context.frame.scenario.parameters)
     error = ErrorReport(code=UnavailableError.code, message=f"{robot.name} was lost; it rejoins at its next meeting")
 
     def skipped(time_s: float) -> StepEnded:

@@ -150,10 +150,14 @@ class Losses:
             timer.cancel()
             del self._waiting[future]
 
+    def leaves_out(self, context: ExecutionContext) -> bool:
+        """Return whether a robot was lost, and leaves out all that it would do before its next meeting."""
+        return context.robot is not None and context.robot.is_rejoining and not context.is_finally
+
     def skips(self, context: ExecutionContext, step: Step) -> bool:
         """Return whether a robot that was lost leaves out a step, since it rejoins at its next meeting."""
         robot, frame = context.robot, context.frame
-        if robot is None or not robot.is_rejoining or context.is_finally:
+        if robot is None or not self.leaves_out(context):
             return False
         if step.meeting(frame) is not None:
             robot.is_rejoining = False

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 from typing_extensions import override
 
+from eal_actors.actors.future import Future
 from eal_actors.device.info import ResourceInfo
 from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.engine.action import StepAction
 from eal_actors.scenario.engine.computing import compute
 from eal_actors.scenario.engine.context import RunContext
-from eal_actors.scenario.engine.executor import perform_step, perform_steps
+from eal_actors.scenario.engine.executor import perform_step, perform_steps, record_skip
 from eal_actors.scenario.engine.frames import ExecutionContext
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.engine.python_functions import StepFunction
@@ -109,10 +110,21 @@ class VisitStep(LoopStep, kind="visit"):
             if not run.may_begin(context):
                 return
             yield from run.next_pass()
-            make = partial(StepAction, run, inside, f"visit {place_words(place)}", partial(self._drive, place))
-            if (yield from perform_step(run, inside, self, here, make)):
+            if (yield from self._go(run, inside, here, place)):
                 value = place if isinstance(place, str) else list(place)
                 yield from perform_steps(run, self.do, f"{path}.do", inside.in_loop(PLACE, value))
+
+    def _go(
+        self, run: RunContext, context: ExecutionContext, path: str, place: Place
+    ) -> Generator[Future[Any], None, bool]:
+        """Drive to a place; return whether the steps there follow: a robot that rejoins may meet others among them."""
+        label = f"visit {place_words(place)}"
+        if run.losses is not None and run.losses.leaves_out(context):
+            record_skip(run, context, self, label, path)
+            return True
+        make = partial(StepAction, run, context, label, partial(self._drive, place))
+        is_there = yield from perform_step(run, context, self, path, make)
+        return is_there or (run.losses is not None and run.losses.leaves_out(context))
 
     def _places(self, names: Namespace) -> list[Place]:
         places = places_of(render(self.visit, names))
