@@ -124,7 +124,7 @@ class Build:
             kernel_folder = self.runner.run(self._kernel_step(lock))
             if self._platform.overlays:
                 kernel_folder = self.runner.run(self._overlays_step(kernel_folder))
-            interpreter = self.runner.run(self._interpreter_step(lock)) if lock.interpreter else None
+            interpreter = self.runner.run(self._interpreter_step(lock))
             base = self.runner.run(self._base_step(lock, debs, wheels, interpreter))
             initrd = self.runner.run(self._initrd_step(lock, kernel_folder, base)) if self._is_packaged else None
             root = self.runner.run(self._root_step(lock, base, interpreter))
@@ -228,10 +228,10 @@ class Build:
 
         return Step("interpreter", key_of([one.sha256 for one in packages], tree), make)
 
-    def _base_step(self, lock: Lock, debs: list[Path], wheels: list[Path], interpreter: Path | None) -> Step:
+    def _base_step(self, lock: Lock, debs: list[Path], wheels: list[Path], interpreter: Path) -> Step:
         image = self._image
         hashes = [[deb.stem for deb in debs], [file_sha256(wheel) for wheel in wheels]]
-        inputs = [*hashes, image.prune, image.keep, image.sourceless, lock.epoch, interpreter and interpreter.name]
+        inputs = [*hashes, image.prune, image.keep, image.sourceless, lock.epoch, interpreter.name]
 
         def make(out: Path) -> None:
             out.mkdir(parents=True)
@@ -253,7 +253,7 @@ class Build:
 
         return Step("base", key_of(inputs, tree, pruning, slimming, bytecode), make)
 
-    def _root_step(self, lock: Lock, base: Path, interpreter: Path | None) -> Step:
+    def _root_step(self, lock: Lock, base: Path, interpreter: Path) -> Step:
         layers = layers_of(self._image)
         files = [(str(path), path) for layer in layers for path in layer.rglob("*") if not path.is_dir()]
         named = [(name.rpartition("/rootfs/")[2], path) for name, path in files if "__pycache__" not in name]
@@ -266,7 +266,7 @@ class Build:
 
         return Step("root", key_of([*inputs, lock.epoch], tree, bytecode, project), make)
 
-    def _lay_over(self, root: Path, lock: Lock, layers: list[Path], interpreter: Path | None) -> None:
+    def _lay_over(self, root: Path, lock: Lock, layers: list[Path], interpreter: Path) -> None:
         for name in _FOLDERS:
             (root / name).mkdir(parents=True, exist_ok=True)
         inittab = (layers[0] / "etc/inittab").read_text()

@@ -1,14 +1,11 @@
 """Compiled Python: compiles at build time what Debian's scripts would compile on the board.
 
-The compiler is a Python of the image's version. Build machines have Debian 12, whose Python compiles for its images.
-For a newer suite, the suite's own Python runs from a folder, by the dynamic loader of the suite's C library.
+The compiler is the suite's own Python, for the build machine, in a folder. The dynamic loader of the suite's C library
+runs it, so that the build machine may have any other Python, and every one makes the same files.
 """
 
 from __future__ import annotations
 
-import shutil
-import subprocess
-import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
@@ -18,14 +15,8 @@ from evbotos.hosttools import tool
 from evbotos.lock import LockedPackage
 from evbotos.shell import run
 
-MAGIC: Final = b"\xa7\r\r\n"
-"""The magic number of files compiled by Python 3.11, for any architecture."""
 OPENCV: Final = "cv2"
 """A package that reads its own source files; they stay uncompiled."""
-_ASK: Final = "import importlib.util, sys; sys.stdout.buffer.write(importlib.util.MAGIC_NUMBER)"
-_CANDIDATES: Final = (sys.executable, "python3.11", "/usr/bin/python3.11", "/usr/bin/python3")
-BUILD_SUITE: Final = "bookworm"
-"""The suite of build machines, whose Python they have."""
 BUILD_MACHINES: Final = ("amd64", "arm64")
 """Architectures of build machines, by Debian's names."""
 
@@ -48,36 +39,19 @@ def of_this_machine(packages: Iterable[LockedPackage]) -> list[LockedPackage]:
     return found
 
 
-def _command(interpreter: Path | None) -> list[str | Path]:
-    if interpreter is None:
-        return [find_python()]
+def _command(interpreter: Path) -> list[str | Path]:
     (loader,) = interpreter.glob("usr/lib/*/ld-linux-*.so.*")
     (program,) = interpreter.glob("usr/bin/python3.*")
     return [loader, "--library-path", loader.parent, program]
 
 
-def find_python() -> str:
-    """Return a Python of the build machine that compiles for the Python of Debian 12.
-
-    Raises:
-        BuildError: there is none.
-    """
-    for candidate in _CANDIDATES:
-        program = shutil.which(candidate)
-        if program is not None:
-            done = subprocess.run([program, "-I", "-c", _ASK], capture_output=True, check=False)  # noqa: S603
-            if done.stdout == MAGIC:
-                return program
-    raise BuildError("the image has Python 3.11, which must also compile for it; install python3.11")
-
-
 def compile_tree(
-    interpreter: Path | None, root: Path, folders: list[str], *, sourceless: bool, skip: str | None = None
+    interpreter: Path, root: Path, folders: list[str], *, sourceless: bool, skip: str | None = None
 ) -> None:
     """Compile the Python files in folders of a tree, with the image's paths.
 
     Args:
-        interpreter: a tree of `interpreter_packages`; None for the build machine's own Python.
+        interpreter: a tree of `interpreter_packages`.
         root: the root of the tree.
         folders: relative to the root.
         sourceless: replace each source file by its compiled file.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 import tarfile
 from collections.abc import Iterable
@@ -12,7 +13,6 @@ from typing import Final
 
 from packaging.utils import canonicalize_name, parse_sdist_filename
 
-from evbotos.bytecode import find_python
 from evbotos.errors import BuildError
 from evbotos.hashing import file_sha256
 from evbotos.lock import LockedSource
@@ -23,6 +23,7 @@ from evbotos.shell import run
 SYSROOT: Final = ("libc6-dev", "libpython3-dev")
 """Debian packages of the sysroot, in addition to their dependencies."""
 _PIP: Final = (sys.executable, "-P", "-m", "pip", "--disable-pip-version-check", "--quiet")
+_ASK: Final = "import sys; print('%d.%d' % sys.version_info[:2])"
 _BUILD: Final = "import sys; from setuptools import build_meta; build_meta.build_wheel(sys.argv[1])"
 _COMPILE: Final = (
     'EVBOTOS_SDK="$1" && . "$1/environment" && export CFLAGS="$CFLAGS $PYTHON_CFLAGS" && exec "$2" -S -c "$3" "$4"'
@@ -110,10 +111,19 @@ def compile_wheels(
         make_sysroot(debs, sysroot)
         (sdk / ENVIRONMENT).write_text(environment_text(platform, python_of(sysroot)))
         for locked, file in sources:
-            _compile(locked, file, sdk, out, epoch)
+            _compile(locked, file, sdk, _find_python(platform.python), out, epoch)
 
 
-def _compile(locked: LockedSource, file: Path, sdk: Path, out: Path, epoch: int) -> None:
+def _find_python(version: str) -> str:
+    """Return a Python of the build machine of the image's version, for which pip installs the build tools."""
+    for candidate in (sys.executable, f"python{version}", f"/usr/bin/python{version}"):
+        program = shutil.which(candidate)
+        if program is not None and run([program, "-I", "-c", _ASK]).strip() == version:
+            return program
+    raise BuildError(f"a wheel must be compiled by Python {version}; install python{version}")
+
+
+def _compile(locked: LockedSource, file: Path, sdk: Path, python: str, out: Path, epoch: int) -> None:
     work = sdk.parent / locked.name
     tools = work / "tools"
     run([*_PIP, "install", "--no-deps", "--target", tools, *locked.tools], timeout_s=900)
@@ -126,5 +136,5 @@ def _compile(locked: LockedSource, file: Path, sdk: Path, out: Path, epoch: int)
         "SOURCE_DATE_EPOCH": str(epoch),
         "PYTHONHASHSEED": "0",
     }
-    words: list[str | Path] = ["sh", "-c", _COMPILE, "sh", sdk, find_python(), _BUILD, out]
+    words: list[str | Path] = ["sh", "-c", _COMPILE, "sh", sdk, python, _BUILD, out]
     run(words, cwd=work / file.name.removesuffix(".tar.gz"), env=env)

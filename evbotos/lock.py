@@ -70,8 +70,8 @@ class Lock(StrictModel):
     compiled: Annotated[tuple[LockedSource, ...], Field(strict=False)] = ()
     build_packages: Annotated[tuple[LockedPackage, ...], Field(strict=False)] = ()
     """Build inputs outside the root: a sysroot, the board's first boot stages."""
-    interpreter: Annotated[tuple[LockedPackage, ...], Field(strict=False)] = ()
-    """The suite's Python for build machines, which compiles the image's Python; empty for a build machine's own."""
+    interpreter: Annotated[tuple[LockedPackage, ...], Field(strict=False)]
+    """The suite's Python for build machines, which compiles the image's Python."""
 
 
 def asked_by(platform: Platform, image: Image) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from eal_actors.kernel.clock import wall_time
-from evbotos.bytecode import BUILD_MACHINES, BUILD_SUITE, interpreter_packages
+from evbotos.bytecode import BUILD_MACHINES, interpreter_packages
 from evbotos.compiled_wheels import SYSROOT, resolve_sources
 from evbotos.errors import BuildError
 from evbotos.lock import Lock, LockedPackage, asked_by, write_lock
@@ -77,12 +77,11 @@ def _build_packages(platform: Platform, apt: Apt, *, has_sysroot: bool) -> tuple
 
 
 def _interpreter(platform: Platform, apt_of: Callable[[str], Apt]) -> Iterator[LockedPackage]:
-    """Yield the packages of the suite's Python for build machines, unless they have it."""
-    if platform.suite != BUILD_SUITE:
-        for architecture in BUILD_MACHINES:
-            apt = apt_of(architecture)
-            apt.update()
-            yield from _by_name(apt, interpreter_packages(platform.python)).values()
+    """Yield the packages of the suite's Python for build machines."""
+    for architecture in BUILD_MACHINES:
+        apt = apt_of(architecture)
+        apt.update()
+        yield from _by_name(apt, interpreter_packages(platform.python)).values()
 
 
 def _by_name(apt: Apt, names: Iterable[str]) -> dict[str, LockedPackage]:

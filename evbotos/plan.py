@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Final
 
-from evbotos.bytecode import BUILD_SUITE
 from evbotos.disk import parts_of
 from evbotos.fields import ROOTFS
 from evbotos.hosttools import find_tool, needed_for
@@ -111,7 +110,6 @@ def step_names(platform: Platform, image: Image) -> list[str]:
     is_there = {
         "compiled": bool(compiled_of(platform, image)),
         "overlays": bool(platform.overlays),
-        "interpreter": platform.suite != BUILD_SUITE,
         "initrd": isinstance(platform.kernel, PackagedKernel),
         "board": platform.loader == "u-boot",
         "grub": platform.loader == "grub",

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 from eal_actors.kernel.log import get_logger
-from evbotos import bytecode
 from evbotos.apt_sources import sources_for
 from evbotos.build import Build
 from evbotos.definitions import load_definitions
@@ -62,7 +61,6 @@ def proof(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Proof]:
     require_tools(PLATFORM)
     folder = tmp_path_factory.mktemp("short")
     try:
-        bytecode.find_python()
         Apt(folder / "apt", PLATFORM.architecture, sources_for(PLATFORM.suite, None), _LOG.info).update()
     except BuildError as error:
         pytest.skip(f"images cannot be built here: {error}")
