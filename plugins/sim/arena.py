@@ -18,7 +18,7 @@ WALL_RADIUS_M: Final = 0.1
 
 _PITCHES_M: Final = (1.0, 0.5)  # of the grid of places, the coarser first
 _MOST_CELLS: Final = 100
-"""Places of the grid on each side of the centre: a room may be as large as the largest number."""
+"""Places of the grid on each side of the centre: a room may be 10 km long."""
 _WALL_FRICTION: Final = 0.5
 _WALL_NAMES: Final = ("west", "south", "east", "north")  # in the order of `_walls`
 

@@ -42,15 +42,17 @@ def _flag(value: object) -> object:
 
 Fraction = Annotated[float, Field(ge=0, le=1)]
 
+Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
+
 
 class MapFile(StrictModel):
     """The YAML file of a map."""
 
     image: Annotated[str, Field(min_length=1)]
     """The picture: PGM, PNG, BMP or JPEG; relative to this file."""
-    resolution: PositiveFloat
+    resolution: Annotated[PositiveFloat, Field(ge=1e-4, le=1e4)]
     """Metres for each pixel."""
-    origin: tuple[float, float, float] = Field(strict=False)
+    origin: tuple[Coordinate, Coordinate, Coordinate] = Field(strict=False)
     """Pose of the lower left corner of the picture: x and y in m, yaw in rad."""
     negate: Annotated[bool, BeforeValidator(_flag)] = False
     """Whether dark pixels are free; `raw` ignores it."""
@@ -141,6 +143,8 @@ def _picture(tree: YamlTree, path: Path) -> tuple[tuple[int, int], NDArray[Any],
         from PIL import Image, UnidentifiedImageError
     except ImportError as error:
         raise UnsupportedError("maps of pictures need Pillow: pip install 'eal-actors[sim]'") from error
+    if path.exists() and not path.is_file():  # a pipe, which would wait for its writer
+        raise _problem(tree, f"{path} is no file")
     try:
         with Image.open(path, formats=_FORMATS) as picture:
             if math.prod(picture.size) > MAX_CELLS:
@@ -156,8 +160,8 @@ def _picture(tree: YamlTree, path: Path) -> tuple[tuple[int, int], NDArray[Any],
         raise _problem(tree, f"no such file: {path}{did_you_mean(path.name, near)}") from None
     except UnidentifiedImageError:
         raise _problem(tree, f"{path} is no picture; PGM, PNG, BMP and JPEG are") from None
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-        raise _problem(tree, f"{path} cannot be read: {error}") from error
+    except (OSError, ValueError, SyntaxError, MemoryError, Image.DecompressionBombError) as error:
+        raise _problem(tree, f"{path} cannot be read: {str(error) or type(error).__name__}") from error
 
 
 def _problem(tree: YamlTree, message: str) -> ConfigError:

@@ -34,6 +34,10 @@ Palette = Annotated[
 _MOST: Final = 1000
 """The most things of one kind that are compared with one another, and corners of a zone."""
 
+_SHORTEST_M: Final = 0.001
+Length = Annotated[float, Field(ge=_SHORTEST_M, le=10_000)]
+"""Metres that simulations and pictures can show: others end in numbers that no float holds."""
+
 Degrees = Annotated[float, Field(ge=-360, le=360)]
 
 
@@ -44,7 +48,7 @@ class SurfaceTexture(StrictModel):
     """`plaster` is rough, `mosaic` and `poster` are rich in features: each place on them looks different."""
     colours: Palette = ((200, 200, 200),)
     """The first is the background."""
-    tile_m: PositiveFloat = 0.5
+    tile_m: Length = 0.5
     """Size of a tile, plank, brick or stripe."""
 
 
@@ -64,7 +68,7 @@ class Poster(StrictModel):
     """Middle of the poster along the wall: its x on the north and south walls, its y on the others."""
     bottom_m: NonNegativeFloat = 0.5
     """Height of its lower edge over the floor."""
-    size_m: tuple[PositiveFloat, PositiveFloat] = Field(default=(1.0, 0.7), strict=False)
+    size_m: tuple[Length, Length] = Field(default=(1.0, 0.7), strict=False)
     """Width and height."""
     texture: Name
 
@@ -89,7 +93,7 @@ class FloorItem(StrictModel):
 class Obstacle(FloorItem):
     """An obstacle that cannot be moved."""
 
-    height_m: PositiveFloat = 0.8
+    height_m: Length = 0.8
     """From the floor to its top."""
     texture: Name | None = None
 
@@ -98,7 +102,7 @@ class BoxObstacle(Obstacle):
     """A rectangular block, turned by `yaw_deg` about its middle."""
 
     kind: Literal["box"]
-    size_m: tuple[PositiveFloat, PositiveFloat] = Field(strict=False)
+    size_m: tuple[Length, Length] = Field(strict=False)
     """Extent along its own x axis and its own y axis."""
     yaw_deg: Degrees = 0.0
     """Turn of its own x axis, counter-clockwise."""
@@ -108,7 +112,7 @@ class CircleObstacle(Obstacle):
     """A round pillar."""
 
     kind: Literal["circle"]
-    radius_m: PositiveFloat
+    radius_m: Length
 
 
 class Partition(StrictModel):
@@ -119,20 +123,20 @@ class Partition(StrictModel):
     """x and y of one end."""
     end_m: tuple[float, float] = Field(strict=False)
     """x and y of the other end."""
-    thickness_m: PositiveFloat = 0.1
-    height_m: PositiveFloat = 0.8
+    thickness_m: Length = 0.1
+    height_m: Length = 0.8
     texture: Name | None = None
 
     @model_validator(mode="after")
     def _has_length(self) -> Self:
-        if self.start_m == self.end_m:
+        if math.dist(self.start_m, self.end_m) < _SHORTEST_M:
             raise ValueError("start_m and end_m are the same point")
         return self
 
     def as_box(self) -> BoxObstacle:
         """Return it as a block."""
         (x0, y0), (x1, y1) = self.start_m, self.end_m
-        return BoxObstacle(
+        return BoxObstacle.model_construct(  # unchecked: a diagonal may be longer than a room
             kind="box",
             x_m=(x0 + x1) / 2,
             y_m=(y0 + y1) / 2,
@@ -150,9 +154,9 @@ class MovableBox(FloorItem):
     """A box that robots can push over the floor."""
 
     name: Name
-    size_m: tuple[PositiveFloat, PositiveFloat] = Field(default=(0.3, 0.3), strict=False)
+    size_m: tuple[Length, Length] = Field(default=(0.3, 0.3), strict=False)
     """Extent along its own x axis and its own y axis."""
-    height_m: PositiveFloat = 0.3
+    height_m: Length = 0.3
     yaw_deg: Degrees = 0.0
     mass_kg: PositiveFloat = 1.0
     friction: PositiveFloat = 0.3
@@ -179,8 +183,8 @@ class Beacon(FloorItem):
     """A post that robots see by its colour and find by its signal."""
 
     name: Name
-    radius_m: PositiveFloat = 0.05
-    height_m: PositiveFloat = 1.0
+    radius_m: Length = 0.05
+    height_m: Length = 1.0
     colour: Colour = (230, 40, 40)
     reach_m: PositiveFloat = 6.0
     """How far its signal carries; obstacles block it, robots do not."""
@@ -189,7 +193,7 @@ class Beacon(FloorItem):
 class Drop(FloorItem):
     """A hole in the floor, such as a stairwell: cliff sensors see it, and a wheel over it drops."""
 
-    size_m: tuple[PositiveFloat, PositiveFloat] = Field(strict=False)
+    size_m: tuple[Length, Length] = Field(strict=False)
     """Extent along its own x axis and its own y axis."""
     yaw_deg: Degrees = 0.0
 
@@ -237,7 +241,7 @@ class Formation(FloorItem):
     shape: Literal["line", "column", "grid", "circle", "wedge"]
     count: int = Field(ge=1, le=MAX_PLACES)
     """Number of places."""
-    spacing_m: PositiveFloat
+    spacing_m: Length
     """Distance between neighbours."""
     x_m: float = 0.0
     """Centre of the formation: the mean of its places."""
@@ -324,9 +328,9 @@ class WorldModel(StrictModel):
 
     version: Version1
     name: Name
-    size_m: tuple[PositiveFloat, PositiveFloat] = Field(strict=False)
+    size_m: tuple[Length, Length] = Field(strict=False)
     """Extent along x and along y, between the walls."""
-    height_m: PositiveFloat = 2.5
+    height_m: Length = 2.5
     """From the floor to the ceiling."""
     seed: int = Field(default=0, ge=0)
     """Seed of the world's own random choices, such as the patterns of textures. Robots use the fleet's seed."""

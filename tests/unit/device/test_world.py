@@ -126,11 +126,11 @@ physics: {rate_hz: 0}
 
     assert str(caught.value).splitlines() == [
         "w.yaml:1:1: name: is missing",
-        "w.yaml:2:13: size_m[1]: must be over 0, not -4",
+        "w.yaml:2:13: size_m[1]: must be at least 0.001, not -4",
         "w.yaml:4:49: obstacles[0].heigth_m: unknown key 'heigth_m'; did you mean 'height_m'?",
         "w.yaml:5:12: obstacles[1].kind: must be one of 'box', 'circle', 'wall', not 'circel'; did you mean 'circle'?",
         "w.yaml:6:25: obstacles[2].x_m: must be a number, not '1'",
-        "w.yaml:6:48: obstacles[2].radius_m: must be over 0, not 0",
+        "w.yaml:6:48: obstacles[2].radius_m: must be at least 0.001, not 0",
         "w.yaml:7:5: obstacles[3]: start_m and end_m are the same point",
         "w.yaml:8:20: physics.rate_hz: must be at least 5, not 0",
     ]

@@ -229,3 +229,20 @@ def test_a_file_with_too_many_things_to_compare_is_refused(tmp_path: Path, monke
     found = problems(tmp_path, monkeypatch, f"boxes:\n{boxes}")
     assert found == ["w.yaml:6:1: boxes: has 1001 items, but may have at most 1000"]
     assert len(problems(tmp_path, monkeypatch, f"boxes:\n{boxes.rpartition(chr(10))[0]}")) == 1000
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("starts: {shape: grid, count: 10, spacing_m: 1e308}", "starts.spacing_m: must be at most 10000, not 1e+308"),
+        ("beacons: [{name: a, x_m: 0, y_m: 0, radius_m: 1e308}]", "radius_m: must be at most 10000, not 1e+308"),
+        (
+            "obstacles: [{kind: wall, start_m: [1, 1], end_m: [1, 1.0000001]}]",
+            "start_m and end_m are the same point",
+        ),
+    ],
+)
+def test_lengths_that_no_room_has(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, expected: str) -> None:
+    """The first ended with a traceback, the others in a simulation that failed."""
+    (found,) = problems(tmp_path, monkeypatch, text)
+    assert found.endswith(expected)

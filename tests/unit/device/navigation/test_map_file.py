@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import tracemalloc
 from pathlib import Path
 
@@ -117,7 +118,9 @@ def test_a_saved_map_is_read_back_the_same(tmp_path: Path) -> None:
     ("text", "expected"),
     [
         (NAV2.replace("resolution: 0.05\n", ""), ["floor.yaml:1:1: resolution: is missing"]),
-        (NAV2.replace("0.05", "-1"), ["floor.yaml:3:13: resolution: must be over 0, not -1"]),
+        (NAV2.replace("0.05", "-1"), ["floor.yaml:3:13: resolution: must be at least 0.0001, not -1"]),
+        (NAV2.replace("0.05", "1e-300"), ["floor.yaml:3:13: resolution: must be at least 0.0001, not 1e-300"]),
+        (NAV2.replace("-3.4", "1e308"), ["floor.yaml:4:16: origin[1]: must be at most 1000000, not 1e+308"]),
         (NAV2.replace("0.05", ".nan"), ["floor.yaml:3:13: resolution: .nan is not a finite number"]),
         (NAV2.replace("-3.4, 0]", "-3.4]"), ["floor.yaml:4:9: origin[2]: is missing"]),
         (NAV2.replace("mode: trinary", "mode: trinery"), ["floor.yaml:2:7: mode: must be 'trinary', 'scale' or 'raw'"]),
@@ -178,3 +181,12 @@ def test_a_small_file_with_many_pixels_takes_little_memory(mode: str, tmp_path: 
     finally:
         tracemalloc.stop()
     assert peak < 24 * side**2, "of 16 million pixels a map takes less than 400 MB"
+
+
+def test_a_pipe_in_place_of_a_picture_is_refused(tmp_path: Path) -> None:
+    """Its reader waited for a writer without end."""
+    file = write(tmp_path, NAV2)
+    (file.parent / "floor.pgm").unlink(missing_ok=True)
+    os.mkfifo(file.parent / "floor.pgm")
+    with pytest.raises(ConfigError, match=r"floor\.pgm is no file"):
+        load_map(file)
