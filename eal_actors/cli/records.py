@@ -58,7 +58,7 @@ def report_run(
     """
     with reading_run():
         page = render_report(RunFolder.open(run), kept_world(run))
-    file = out or run / _REPORT
+    file = out or _own_file(run / _REPORT)
     _write_text(file, page)
     print_line(stdout(), str(file))
     if show:
@@ -161,7 +161,7 @@ def replay_run(
     with reading_run():
         recorded = RecordedRun.open(run / RECORD_FILE)
         fleet = _replay_fleet(recorded, run, rate=chosen, loop=loop, port=port if serve else None)
-        file = out or run / _REPLAY
+        file = out or _own_file(run / _REPLAY)
         following = list(_next_lines(run, fleet, file))
     _write_text(file, yaml.safe_dump(fleet, sort_keys=False, allow_unicode=True))
     print_line(stdout(), f"{file}: {counted(len(recorded.infos), 'robot')}, {recorded.duration_s:.1f} s")
@@ -248,6 +248,14 @@ def reading_run() -> Iterator[None]:
         raise typer.BadParameter(str(error), param_hint="'RUN'") from error
     except OSError as error:
         raise typer.BadParameter(f"{error.filename} cannot be read: {error.strerror}", param_hint="'RUN'") from error
+
+
+def _own_file(file: Path) -> Path:
+    """Return a file of a run's folder, without the link in its place: that of a stranger could lead to any file."""
+    with writing(file):
+        if file.is_symlink():
+            file.unlink()
+    return file
 
 
 def _write_text(file: Path, text: str) -> None:

@@ -35,8 +35,9 @@ def repair_record(directory: Path) -> float:
     """
     run = RunFolder.open(directory)
     with hold_record(directory):
-        if (run.path / TRAJECTORY).exists():
-            cut_half_line(run.path / TRAJECTORY)
+        trajectory = run.path / TRAJECTORY
+        if trajectory.exists() and not trajectory.is_symlink():
+            cut_half_line(trajectory)
         times_s = [float(event["time_s"]) for event in run.events]
         times_s += [path[-1].time_s for path in run.paths.values()]
         try:
@@ -82,6 +83,7 @@ def merge_record(run: RunFolder) -> float:
     parts = [run.path / RECORD_FILE, run.path / PART_FILE]
     unfinished = run.path / f"{RECORD_FILE}.tmp"
     with ExitStack() as stack:
+        unfinished.unlink(missing_ok=True)  # a link would lead elsewhere
         stack.callback(unfinished.unlink, missing_ok=True)
         file = McapFile(unfinished)
         stack.callback(file.close)

@@ -95,3 +95,23 @@ def test_a_record_whose_bytes_were_changed(eal: Any, run: Path) -> None:
         record.write_bytes(good[:place] + bytes([good[place] ^ 0x55]) + good[place + 1 :])
         result = eal("replay", run)
         assert result.exit_code in (0, 2), (place, result.exception)
+
+
+def test_links_in_a_folder_of_a_stranger_lead_to_no_file_that_is_written(eal: Any, run: Path) -> None:
+    """The page, the fleet file and the repaired record were written over the files to which the links led."""
+    mine = run.parent / "mine.txt"
+    mine.write_text("precious, without a last line end", encoding="utf-8")
+    table = run.parent / "table.csv"
+    table.write_text("robot,time_s,x_m,y_m,yaw_rad\nprecious", encoding="utf-8")
+    for name in ("report.html", "replay.yaml", "run.mcap.tmp"):
+        (run / name).symlink_to(mine)
+    assert eal("report", run).exit_code == 0
+    assert eal("replay", run, "--loop").exit_code == 0
+    (run / "summary.json").unlink()
+    (run / "trajectory.csv").symlink_to(table)
+    (run / "run.mcap").write_bytes((run / "run.mcap").read_bytes()[:-400])
+    said = eal("records", "repair", run)
+    assert "repaired" in said.stdout, said.output
+    assert table.read_text(encoding="utf-8").endswith("precious")
+    assert mine.read_text(encoding="utf-8") == "precious, without a last line end"
+    assert not (run / "report.html").is_symlink()
