@@ -361,10 +361,13 @@ def _unpack(chunk: Chunk, most: int) -> bytes:
 def _errors_of(path: Path) -> Iterator[None]:
     """Raise ScenarioError for every error that a broken file can cause."""
     from mcap.exceptions import McapError
+    from mcap.stream_reader import CRCValidationError
     from zstandard import ZstdError
 
     damages = McapError, ZstdError, ValueError, KeyError, TypeError, AttributeError, OverflowError, MemoryError
     try:
         yield
     except (*damages, RuntimeError) as error:  # of lz4, or of a text that is nested too deeply
-        raise ScenarioError(f"{path} is no record of a run: {type(error).__name__}: {error}") from error
+        is_damaged = isinstance(error, CRCValidationError | ZstdError)
+        what = "is damaged" if is_damaged else "is no record of a run"
+        raise ScenarioError(f"{path} {what}: {type(error).__name__}: {error}") from error

@@ -59,13 +59,13 @@ def test_a_chunk_of_another_content_is_refused(run: Path, tmp_path: Path) -> Non
     packed = (run / "run.mcap").read_bytes()
     place = packed.index(b"zstd") + len(b"zstd") + 8
     file = tmp_path / "run.mcap"
-    refused = 0
+    damaged = 0
     for offset in range(40, 1040, 10):
         file.write_bytes(packed[: place + offset] + bytes([packed[place + offset] ^ 1]) + packed[place + offset + 1 :])
-        with pytest.raises(ScenarioError):
+        with pytest.raises(ScenarioError, match=r"run\.mcap is ") as caught:
             read_mcap(file)
-        refused += 1
-    assert refused == 100
+        damaged += "is damaged" in str(caught.value)
+    assert damaged > 90
 
 
 def test_texts_that_are_nested_too_deeply_are_refused(run: Path, tmp_path: Path) -> None:
