@@ -114,7 +114,7 @@ def test_problems_are_sorted_and_good_files_are_still_told(eal: Any, write: Any,
         [f"{fleet}:3:39", "robots.a.plugins.sim.nix"],
         [f"{fleet}:4:17", "robots.b.plugins.sampel"],
     ]
-    assert lines[4:] == [f"{world}:3:13: size_m[1]: must be over 0, not -2", f"{nowhere}: no such file"]
+    assert lines[4:] == [f"{world}:3:13: size_m[1]: must be at least 0.001, not -2", f"{nowhere}: no such file"]
     assert result.stderr == "5 problems in 3 files\n"
 
 
@@ -160,7 +160,7 @@ def test_json_gives_every_part_of_a_problem(eal: Any, write: Any) -> None:
     (file,) = json.loads(result.stdout)["files"]
     assert (file["file"], file["kind"]) == (str(world), "world")
     assert file["problems"] == [
-        {"file": str(world), "line": 3, "column": 13, "path": "size_m[1]", "message": "must be over 0, not -2"}
+        {"file": str(world), "line": 3, "column": 13, "path": "size_m[1]", "message": "must be at least 0.001, not -2"}
     ]
 
 

@@ -153,7 +153,7 @@ def test_places_are_checked_before_anything_moves(hall: Simulation, step: str, p
         ("{role: al, shape: line, spacing_m: 1}", "unknown role 'al'; did you mean 'all'?"),
         ("{role: all, shape: lin, spacing_m: 1}", "invalid formation: shape: must be 'line', "),
         ("{role: all, shape: lin, spacing_m: 1}", "not 'lin'; did you mean 'line'?"),
-        ("{role: all, shape: line, spacing_m: 0}", "invalid formation: spacing_m: must be over 0, not 0.0"),
+        ("{role: all, shape: line, spacing_m: 0}", "invalid formation: spacing_m: must be at least 0.001, not 0.0"),
         ("{role: all, shape: line, spacing_m: 4.1}", "(0.00, 2.05) is outside the room of 6 x 4 m"),
         ("{role: all, shape: line, spacing_m: 1, at: [0, 1.6]}", "(0.00, 2.10) is outside the room of 6 x 4 m"),
         ("{role: all, shape: line, spacing_m: 1, at: esat}", "unknown place 'esat'"),

@@ -121,7 +121,7 @@ def test_a_world_from_memory_is_that_of_its_file() -> None:
 def test_a_world_from_memory_is_checked_as_a_file_is() -> None:
     assert world_problems({"version": 1, "name": "room", "size_m": (4, 0), "hight_m": 2}) == [
         "world: hight_m: unknown key 'hight_m'; did you mean 'height_m'?",
-        "world: size_m[1]: must be over 0, not 0",
+        "world: size_m[1]: must be at least 0.001, not 0",
     ]
 
 
