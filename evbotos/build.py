@@ -34,6 +34,7 @@ from evbotos import (
 from evbotos.errors import BuildError
 from evbotos.hashing import file_sha256, files_sha256, key_of
 from evbotos.hosttools import needed_for, require
+from evbotos.interpreter import of_this_machine
 from evbotos.lock import Lock, LockedPackage, read_lock, require_lock
 from evbotos.locking import lock_present_versions
 from evbotos.model import Image, Kernel, Local, PackagedKernel, Platform
@@ -120,11 +121,11 @@ class Build:
             folder.mkdir(parents=True, exist_ok=True)
         with owned(self._cache):
             lock = self._lock(update_lock)
-            debs, wheels = self._fetch(lock)
+            interpreter = self.runner.run(self._interpreter_step(lock))
+            debs, wheels = self._fetch(lock, interpreter)
             kernel_folder = self.runner.run(self._kernel_step(lock))
             if self._platform.overlays:
                 kernel_folder = self.runner.run(self._overlays_step(kernel_folder))
-            interpreter = self.runner.run(self._interpreter_step(lock))
             base = self.runner.run(self._base_step(lock, debs, wheels, interpreter))
             initrd = self.runner.run(self._initrd_step(lock, kernel_folder, base)) if self._is_packaged else None
             root = self.runner.run(self._root_step(lock, base, interpreter))
@@ -172,21 +173,22 @@ class Build:
     def _is_packaged(self) -> bool:
         return isinstance(self._platform.kernel, PackagedKernel)
 
-    def _fetch(self, lock: Lock) -> tuple[list[Path], list[Path]]:
+    def _fetch(self, lock: Lock, interpreter: Path) -> tuple[list[Path], list[Path]]:
         debs = self._debs(package for package in lock.packages if not self._image.leaves_out(package.name))
         wheels = fetch_wheels(self._platform, lock.wheels, self._cache / "wheels")
         if lock.compiled:
-            wheels += sorted(self.runner.run(self._compile_step(lock)).iterdir())
+            wheels += sorted(self.runner.run(self._compile_step(lock, interpreter)).iterdir())
         return debs, wheels
 
-    def _compile_step(self, lock: Lock) -> Step:
-        inputs = [[one.sha256 for one in lock.build_packages], [one.model_dump() for one in lock.compiled], lock.epoch]
+    def _compile_step(self, lock: Lock, interpreter: Path) -> Step:
+        sources = [one.model_dump() for one in lock.compiled]
+        inputs = [[one.sha256 for one in lock.build_packages], sources, lock.epoch, interpreter.name]
 
         def make(out: Path) -> None:
             debs = self._debs(lock.build_packages)
             files = compiled_wheels.fetch_sources(lock.compiled, self._cache / "wheels")
-            sources = list(zip(lock.compiled, files, strict=True))
-            compiled_wheels.compile_wheels(self._platform, sources, debs, out, lock.epoch)
+            found = list(zip(lock.compiled, files, strict=True))
+            compiled_wheels.compile_wheels(self._platform, found, debs, interpreter, out, lock.epoch)
 
         return Step("compiled", key_of([*inputs, self._platform.architecture], compiled_wheels, targets), make)
 
@@ -221,7 +223,7 @@ class Build:
         return Step("initrd", key_of(inputs, packaged_kernel), make)
 
     def _interpreter_step(self, lock: Lock) -> Step:
-        packages = bytecode.of_this_machine(lock.interpreter)
+        packages = of_this_machine(lock.interpreter)
 
         def make(out: Path) -> None:
             tree.unpack_packages(self._debs(packages), out)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import shutil
+import os
 import sys
 import tarfile
 from collections.abc import Iterable
@@ -15,6 +15,7 @@ from packaging.utils import canonicalize_name, parse_sdist_filename
 
 from evbotos.errors import BuildError
 from evbotos.hashing import file_sha256
+from evbotos.interpreter import command_of
 from evbotos.lock import LockedSource
 from evbotos.model import Platform
 from evbotos.sdk import ENVIRONMENT, environment_text, make_sysroot, python_of
@@ -23,10 +24,9 @@ from evbotos.shell import run
 SYSROOT: Final = ("libc6-dev", "libpython3-dev")
 """Debian packages of the sysroot, in addition to their dependencies."""
 _PIP: Final = (sys.executable, "-P", "-m", "pip", "--disable-pip-version-check", "--quiet")
-_ASK: Final = "import sys; print('%d.%d' % sys.version_info[:2])"
 _BUILD: Final = "import sys; from setuptools import build_meta; build_meta.build_wheel(sys.argv[1])"
 _COMPILE: Final = (
-    'EVBOTOS_SDK="$1" && . "$1/environment" && export CFLAGS="$CFLAGS $PYTHON_CFLAGS" && exec "$2" -S -c "$3" "$4"'
+    'EVBOTOS_SDK="$1" && . "$1/environment" && export CFLAGS="$CFLAGS $PYTHON_CFLAGS" && shift && exec "$@"'
 )
 
 
@@ -39,9 +39,9 @@ def resolve_sources(platform: Platform, names: Iterable[str]) -> list[LockedSour
     found = []
     for name in names:
         with TemporaryDirectory() as folder:
-            source = _download(name, Path(folder))
+            source = _download(name, name, Path(folder))
             tools = Path(folder) / "tools"
-            run([*_PIP, "install", "--target", tools, *platform.compiled_wheels[name]], timeout_s=900)
+            _install(platform, platform.compiled_wheels[name], tools)
             versions = sorted(f"{one.name}=={one.version}" for one in distributions(path=[str(tools)]))
             _, version = parse_sdist_filename(source.name)
             found.append(
@@ -70,7 +70,7 @@ def fetch_sources(sources: Iterable[LockedSource], folder: Path) -> list[Path]:
             continue
         file.parent.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(dir=folder, prefix=".part-") as part:
-            got = _download(f"{source.name}=={source.version}", Path(part))
+            got = _download(source.name, f"{source.name}=={source.version}", Path(part))
             if file_sha256(got) != source.sha256:
                 raise BuildError(
                     f"{source.file}, as locked, is unavailable; `evbotos build --update-lock` selects another"
@@ -79,16 +79,28 @@ def fetch_sources(sources: Iterable[LockedSource], folder: Path) -> list[Path]:
     return files
 
 
-def _download(demand: str, folder: Path) -> Path:
-    run([*_PIP, "download", "--no-deps", "--no-binary=:all:", "--dest", folder, demand], timeout_s=900)
+def _download(name: str, demand: str, folder: Path) -> Path:
+    run([*_PIP, "download", "--no-deps", f"--no-binary={name}", "--dest", folder, demand], timeout_s=900)
     found = list(folder.glob("*.tar.gz"))
     if len(found) != 1:
         raise BuildError(f"{demand} has no source that pip can compile")
     return found[0]
 
 
+def _install(platform: Platform, tools: Iterable[str], folder: Path) -> None:
+    """Install build tools for the Python of the platform's suite on the build machine."""
+    python = ["--only-binary=:all:", "--implementation", "cp", "--python-version", platform.python]
+    machine = ["--platform", f"manylinux2014_{os.uname().machine}"]
+    run([*_PIP, "install", *python, *machine, "--target", folder, *tools], timeout_s=900)
+
+
 def compile_wheels(
-    platform: Platform, sources: Iterable[tuple[LockedSource, Path]], debs: Iterable[Path], out: Path, epoch: int
+    platform: Platform,
+    sources: Iterable[tuple[LockedSource, Path]],
+    debs: Iterable[Path],
+    interpreter: Path,
+    out: Path,
+    epoch: int,
 ) -> None:
     """Compile wheels of Python packages for a platform, reproducibly.
 
@@ -96,6 +108,7 @@ def compile_wheels(
         platform: the target platform.
         sources: the locked sources with their files.
         debs: the package files of the sysroot.
+        interpreter: the tree of the suite's Python for the build machine.
         out: the output folder.
         epoch: the date of every file.
 
@@ -111,22 +124,15 @@ def compile_wheels(
         make_sysroot(debs, sysroot)
         (sdk / ENVIRONMENT).write_text(environment_text(platform, python_of(sysroot)))
         for locked, file in sources:
-            _compile(locked, file, sdk, _find_python(platform.python), out, epoch)
+            _compile(platform, locked, file, sdk, interpreter, out, epoch)
 
 
-def _find_python(version: str) -> str:
-    """Return a Python of the build machine of the image's version, for which pip installs the build tools."""
-    for candidate in (sys.executable, f"python{version}", f"/usr/bin/python{version}"):
-        program = shutil.which(candidate)
-        if program is not None and run([program, "-I", "-c", _ASK]).strip() == version:
-            return program
-    raise BuildError(f"a wheel must be compiled by Python {version}; install python{version}")
-
-
-def _compile(locked: LockedSource, file: Path, sdk: Path, python: str, out: Path, epoch: int) -> None:
+def _compile(
+    platform: Platform, locked: LockedSource, file: Path, sdk: Path, interpreter: Path, out: Path, epoch: int
+) -> None:
     work = sdk.parent / locked.name
     tools = work / "tools"
-    run([*_PIP, "install", "--no-deps", "--target", tools, *locked.tools], timeout_s=900)
+    _install(platform, locked.tools, tools)
     with tarfile.open(file) as archive:
         archive.extractall(work, filter="data")
     settings = next((sdk / "sysroot").glob("usr/lib/python3*/_sysconfigdata__*-*.py"))
@@ -136,5 +142,5 @@ def _compile(locked: LockedSource, file: Path, sdk: Path, python: str, out: Path
         "SOURCE_DATE_EPOCH": str(epoch),
         "PYTHONHASHSEED": "0",
     }
-    words: list[str | Path] = ["sh", "-c", _COMPILE, "sh", sdk, python, _BUILD, out]
+    words: list[str | Path] = ["sh", "-c", _COMPILE, "sh", sdk, *command_of(interpreter), "-S", "-c", _BUILD, out]
     run(words, cwd=work / file.name.removesuffix(".tar.gz"), env=env)

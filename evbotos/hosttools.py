@@ -111,7 +111,7 @@ def require(names: Iterable[str]) -> None:
     Raises:
         MissingToolsError: lists all missing programs with the packages to install.
     """
-    missing = [name for name in names if find_tool(name) is None]
+    missing = [name for name in dict.fromkeys(names) if find_tool(name) is None]
     if missing:
         raise MissingToolsError(_message(missing))
 

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Final
 
 from eal_actors.kernel.clock import wall_time
-from evbotos.bytecode import BUILD_MACHINES, interpreter_packages
 from evbotos.compiled_wheels import SYSROOT, resolve_sources
 from evbotos.errors import BuildError
+from evbotos.interpreter import BUILD_MACHINES, interpreter_packages
 from evbotos.lock import Lock, LockedPackage, asked_by, write_lock
 from evbotos.model import Image, PackagedKernel, Platform
 from evbotos.packages import Apt
@@ -51,7 +51,7 @@ def lock_present_versions(
         wheels=tuple(wheels),
         compiled=tuple(sources),
         build_packages=_build_packages(platform, apt, has_sysroot=bool(sources)),
-        interpreter=tuple(_interpreter(platform, apt_of)),
+        interpreter=tuple(_interpreter(platform, apt_of, compiles_wheels=bool(sources))),
     )
     if old is not None and old == new.model_copy(update={"epoch": old.epoch}):
         return old
@@ -76,12 +76,14 @@ def _build_packages(platform: Platform, apt: Apt, *, has_sysroot: bool) -> tuple
     return tuple(found[name] for name in sorted(found))
 
 
-def _interpreter(platform: Platform, apt_of: Callable[[str], Apt]) -> Iterator[LockedPackage]:
+def _interpreter(
+    platform: Platform, apt_of: Callable[[str], Apt], *, compiles_wheels: bool
+) -> Iterator[LockedPackage]:
     """Yield the packages of the suite's Python for build machines."""
     for architecture in BUILD_MACHINES:
         apt = apt_of(architecture)
         apt.update()
-        yield from _by_name(apt, interpreter_packages(platform.python)).values()
+        yield from _by_name(apt, interpreter_packages(platform.python, compiles_wheels=compiles_wheels)).values()
 
 
 def _by_name(apt: Apt, names: Iterable[str]) -> dict[str, LockedPackage]:

@@ -48,10 +48,10 @@ def compiled_of(platform: Platform, image: Image) -> list[str]:
 
 
 _BEFORE_DISK: Final = (
+    "interpreter",
     "compiled",
     "kernel",
     "overlays",
-    "interpreter",
     "base",
     "initrd",
     "root",

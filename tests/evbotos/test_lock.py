@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from eal_actors.kernel.errors import ConfigError
-from evbotos.bytecode import BUILD_MACHINES, interpreter_packages, of_this_machine
+from evbotos.interpreter import BUILD_MACHINES, interpreter_packages, of_this_machine
 from evbotos.definitions import load_definitions
 from evbotos.errors import BuildError
 from evbotos.lock import FOLDER, Lock, LockedPackage, LockedWheel, asked_by, read_lock, require_lock, write_lock
@@ -79,7 +79,7 @@ def test_a_lock_has_the_python_of_its_suite_for_each_kind_of_build_machine() -> 
     for path in sorted(FOLDER.glob("*.lock.yaml")):
         lock = read_lock(path)
         assert lock is not None
-        wanted = interpreter_packages(FOUND.platform(lock.platform).python)
+        wanted = interpreter_packages(FOUND.platform(lock.platform).python, compiles_wheels=bool(lock.compiled))
         names = {(one.name, one.path.rpartition("_")[2]) for one in lock.interpreter}
         assert names == {(name, f"{machine}.deb") for name in wanted for machine in BUILD_MACHINES}, path.name
 
