@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from eal_actors.kernel.errors import ConfigError
-from evbotos.interpreter import BUILD_MACHINES, interpreter_packages, of_this_machine
 from evbotos.definitions import load_definitions
 from evbotos.errors import BuildError
+from evbotos.interpreter import BUILD_MACHINES, interpreter_packages, of_this_machine
 from evbotos.lock import FOLDER, Lock, LockedPackage, LockedWheel, asked_by, read_lock, require_lock, write_lock
 
 FOUND = load_definitions()
