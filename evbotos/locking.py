@@ -76,9 +76,7 @@ def _build_packages(platform: Platform, apt: Apt, *, has_sysroot: bool) -> tuple
     return tuple(found[name] for name in sorted(found))
 
 
-def _interpreter(
-    platform: Platform, apt_of: Callable[[str], Apt], *, compiles_wheels: bool
-) -> Iterator[LockedPackage]:
+def _interpreter(platform: Platform, apt_of: Callable[[str], Apt], *, compiles_wheels: bool) -> Iterator[LockedPackage]:
     """Yield the packages of the suite's Python for build machines."""
     for architecture in BUILD_MACHINES:
         apt = apt_of(architecture)
