@@ -151,8 +151,7 @@ class Build:
         self._tell(f"warning: {words}")
 
     def _see_to_the_budget(self, taken_mb: float) -> None:
-        budget_mb = self._image.budget_mb.root_with_kernel
-        if taken_mb > budget_mb:
+        if taken_mb > (budget_mb := self._image.budget_mb.root_with_kernel):
             self._warn(f"root and kernel take {taken_mb:.1f} MB, over the budget of {budget_mb:g} MB")
 
     def _apt(self, architecture: str) -> Apt:
@@ -181,14 +180,14 @@ class Build:
         return debs, wheels
 
     def _compile_step(self, lock: Lock, interpreter: Path) -> Step:
-        sources = [one.model_dump() for one in lock.compiled]
-        inputs = [[one.sha256 for one in lock.build_packages], sources, lock.epoch, interpreter.name]
+        built_by = [*(one.sha256 for one in lock.build_packages), interpreter.name]
+        inputs = [built_by, [one.model_dump() for one in lock.compiled], lock.epoch]
 
         def make(out: Path) -> None:
             debs = self._debs(lock.build_packages)
             files = compiled_wheels.fetch_sources(lock.compiled, self._cache / "wheels")
-            found = list(zip(lock.compiled, files, strict=True))
-            compiled_wheels.compile_wheels(self._platform, found, debs, interpreter, out, lock.epoch)
+            sources = zip(lock.compiled, files, strict=True)
+            compiled_wheels.compile_wheels(self._platform, sources, debs, interpreter, out, lock.epoch)
 
         return Step("compiled", key_of([*inputs, self._platform.architecture], compiled_wheels, targets), make)
 
@@ -331,7 +330,7 @@ class Build:
     def _emulator_step(self, lock: Lock, kernel_folder: Path) -> Step:
         """Return the step that prepares QEMU's substitutes for a board's ROM and device tree."""
         emulator, loader = self._platform.emulator, self._platform.emulator_loader
-        wanted = [package for package in lock.build_packages if loader is not None and package.name == loader.package]
+        wanted = [package for package in lock.build_packages if loader and package.name == loader.package]
         told = emulator and emulator.model_dump(mode="json")
 
         def make(out: Path) -> None:
