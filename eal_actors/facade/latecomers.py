@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Final
 
 from eal_actors.actors.handles import RobotHandle
@@ -20,13 +21,24 @@ class Latecomers:
 
     def __init__(self, fleet: Fleet) -> None:
         self._absent = list(fleet.values())
-        self.present: Final = self.arrived()
+        self.present: Final = self._arrived()
         if self._absent:
             names = [robot.name for robot in self._absent]
             get_logger().warning("these robots are absent, and are taken in when they come", robots=names)
 
-    def arrived(self) -> list[RobotHandle]:
-        """Return the robots that have come since the last call. Does not block."""
+    def take_in(self, add: Callable[[Sequence[RobotHandle]], None]) -> None:
+        """Add the robots that have come since the last call. One that cannot be added is logged and left out.
+
+        Args:
+            add: adds robots to the program; what it raises stops no other robot.
+        """
+        for robot in self._arrived():
+            try:
+                add([robot])
+            except Exception as error:  # noqa: BLE001  # the caller's thread may watch over every other robot
+                get_logger(robot=robot.name).error("it is left out", error=f"{type(error).__name__}: {error}")
+
+    def _arrived(self) -> list[RobotHandle]:
         arrived = [robot for robot in self._absent if len(robot) > 0]
         self._absent = [robot for robot in self._absent if robot not in arrived]
         return arrived

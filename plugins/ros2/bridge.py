@@ -66,7 +66,7 @@ def open_bridge(fleet: Fleet, settings: BridgeSettings) -> Iterator[str]:
         stack.callback(session.close)
         nodes = _Nodes(fleet, settings, session, stack)
         nodes.add(latecomers.present)
-        with _stepping(nodes.steps, partial(nodes.take_in, latecomers)):
+        with _stepping(nodes.steps, partial(latecomers.take_in, nodes.add)):
             where = f"domain {settings.domain} at {settings.router}"
             absent = session.why_not_ready()
             count = len(latecomers.present)
@@ -94,14 +94,6 @@ class _Nodes:
         """Make nodes of robots. Thread: the bridge's, or before it."""
         specs = [spec for robot in robots for spec in self._make_node(robot)]
         self._stack.enter_context(Sampler(self._clock, specs, self.topics.publish))
-
-    def take_in(self, latecomers: Latecomers) -> None:
-        """Make nodes of the robots that have come."""
-        for robot in latecomers.arrived():
-            try:
-                self.add([robot])
-            except Exception as error:  # noqa: BLE001  # the dead-man of every other robot is in this thread
-                get_logger(robot=robot.name).error("it is no node", error=f"{type(error).__name__}: {error}")
 
     def _make_node(self, robot: RobotHandle) -> Iterator[SampleSpec]:
         node, topics = self._session.node(ros_name(robot.name), "eal"), self.topics

@@ -82,7 +82,7 @@ class _Vehicles:
 
         def run() -> None:
             while not end.wait(_TICK_S):
-                self._take_in(latecomers)
+                latecomers.take_in(self.add)
                 for name, vehicle in self.by_name.items():
                     try:
                         vehicle.step()
@@ -97,13 +97,6 @@ class _Vehicles:
         finally:
             end.set()
             thread.join()
-
-    def _take_in(self, latecomers: Latecomers) -> None:
-        for robot in latecomers.arrived():
-            try:
-                self.add([robot])
-            except Exception as error:  # noqa: BLE001  # as above
-                get_logger(robot=robot.name).error("it is no AGV", error=f"{type(error).__name__}: {error}")
 
 
 def _drives(robot: RobotHandle) -> bool:
