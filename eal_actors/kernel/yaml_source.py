@@ -49,7 +49,7 @@ def read_file(path: str | Path, limits: Limits = USUAL) -> bytes:
     """Return the content of a file, reading little more than the limits allow; ConfigError if it cannot be read."""
     name = str(path)
     try:
-        with Path(path).open("rb") as stream:
+        with open(path, "rb", opener=_open_at_once) as stream:  # Path.open takes no opener
             return stream.read(limits.size + 1)
     except FileNotFoundError:
         beside = {file.stem: file.name for file in Path(name).parent.glob("*.y*ml")}
@@ -59,6 +59,13 @@ def read_file(path: str | Path, limits: Limits = USUAL) -> bytes:
         _refuse(name, "is a folder, not a file")
     except OSError as error:
         _refuse(name, f"cannot be read: {os.strerror(error.errno) if error.errno else error}")
+
+
+def _open_at_once(path: str, flags: int) -> int:
+    """Open a file; without waiting for the writer of a named pipe, which reads as empty if it has none."""
+    opened = os.open(path, flags | os.O_NONBLOCK)
+    os.set_blocking(opened, True)
+    return opened
 
 
 def parse_yaml(

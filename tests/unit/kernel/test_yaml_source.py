@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -285,3 +286,17 @@ def test_any_text_is_read_or_refused(text: str) -> None:
 @given(st.integers(min_value=-(2**63), max_value=2**63 - 1) | st.floats(allow_nan=False, allow_infinity=False))
 def test_numbers_mean_themselves(number: float) -> None:
     assert plain_value(repr(number)) == number
+
+
+def test_a_pipe_without_a_writer_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "fleet.yaml")
+    (problem,) = problem_texts(lambda: load_yaml(tmp_path / "fleet.yaml"))
+    assert "is empty" in problem
+
+
+def test_what_is_written_into_a_pipe_is_read(tmp_path: Path) -> None:
+    reading, writing = os.pipe()
+    os.write(writing, b"version: 1")
+    os.close(writing)
+    assert load_yaml(f"/dev/fd/{reading}").root.keys() == {"version"}
+    os.close(reading)
