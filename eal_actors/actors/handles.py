@@ -201,6 +201,10 @@ class RobotHandle(RobotParts, Mapping[str, ResourceHandle]):
         """Whether the robot has halted since its emergency stop. Until then it may still move."""
         return self._view.latch.is_confirmed
 
+    def overtaken(self, sent_s: float) -> EALError | None:
+        """Return the error of a motion that was sent at a real time, if an emergency stop came later; for servers."""
+        return self._view.latch.overtaken(sent_s)
+
     def stop(self, reason: str = "") -> Future[None]:
         """Stop in an emergency: halt everything that moves, and refuse motions with StoppedError until `resume`.
 

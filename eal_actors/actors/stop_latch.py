@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
+from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import EALError, StoppedError, UnavailableError
 
 SERVICE_ENDS: Final = "its server is being stopped"
@@ -24,17 +26,20 @@ class StopLatch:
         reason: why motions are refused; None if they are not.
         emergency: the same of an emergency stop; None without one.
         is_confirmed: the robot has halted.
+        stopped_s: the real time of the last stop, also of one that has ended; -inf before the first.
     """
 
-    __slots__ = ("emergency", "is_confirmed", "reason")
+    __slots__ = ("emergency", "is_confirmed", "reason", "stopped_s")
 
     def __init__(self) -> None:
         self.reason: str | None = None
         self.emergency: str | None = None
         self.is_confirmed = False
+        self.stopped_s = -math.inf
 
     def set(self, reason: str) -> None:
         """Latch the stop; the first reason counts."""
+        self.stopped_s = REAL_TIME.now()
         if self.reason is None:
             self.reason = self.emergency = reason or "no reason given"
 
@@ -55,6 +60,12 @@ class StopLatch:
     def explanation(self) -> str:
         """The end of the error of a command that the latched stop ended."""
         return holds_robot(self.emergency) if self.emergency is not None else str(self.reason)
+
+    def overtaken(self, sent_s: float) -> EALError | None:
+        """Return the error of a motion that was sent at a real time, if a stop came later; None else."""
+        if sent_s > self.stopped_s:
+            return None
+        return StoppedError("an emergency stop came after it was sent") if self.reason is None else self.refusal()
 
     def refusal(self) -> EALError:
         """Return the error of a motion while the stop is latched."""

@@ -106,11 +106,15 @@ class RawClient:
         envelope, payload = encode_call(header, data)
         for head, content in split(envelope, payload):
             self.put(resource, method, head, payload=bytes(content))
+        return self.answer_to(self.sequence)
+
+    def answer_to(self, number: int) -> Answer:
+        """Wait for the answer to the call of a number, and return it."""
         while True:
             reply = decode_reply(*self._heard.get(timeout=WAIT_S))
             if reply.time is not None:
                 self.time = reply.time
-            if reply.sequence == self.sequence:
+            if reply.sequence == number:
                 return reply.answer
 
     def ping(self) -> dict[str, Any]:

@@ -2,6 +2,9 @@
 
 A message may be lost with a link, so a robot is asked again until it answers; methods must be idempotent. Each robot
 has one result: its first answer, or that it did not answer in time.
+
+A resume proves its age by the robot's clock, which a ping tells first. However often it is repeated, it ends no stop
+that came after that ping.
 """
 
 from __future__ import annotations
@@ -17,7 +20,7 @@ from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.wire.format import keys
-from eal_actors.wire.format.messages import Answer, Arguments, CallHeader, decode_reply, encode_call
+from eal_actors.wire.format.messages import Answer, Arguments, CallHeader, RobotTime, decode_reply, encode_call
 from eal_actors.wire.format.packing import check_version
 from eal_actors.wire.format.parts import split
 from eal_actors.wire.session import controller_config, open_session
@@ -73,7 +76,8 @@ class _Broadcast:
         self._secret = secrets.token_hex(16)
         self._client = keys.client_id(self._caller, self._secret)
         self._sequence = 0
-        self._inbox: deque[tuple[str, Answer | None]] = deque()
+        self._clocks: dict[str, RobotTime | None] = {}  # of robots that have answered a ping
+        self._inbox: deque[tuple[str, Answer | None, RobotTime | None]] = deque()
         self._waiter = new_waiter()
 
     def run(self, session: zenoh.Session, timeout_s: float) -> None:
@@ -86,7 +90,7 @@ class _Broadcast:
         while self._ask_at_s and (now_s := REAL_TIME.now()) < end_s:
             for robot, ask_at_s in self._ask_at_s.items():
                 if ask_at_s <= now_s:
-                    self._ask(transport, robot, end_s - now_s)
+                    self._ask(transport, robot, timeout_s)
                     self._ask_at_s[robot] = now_s + _RETRY_S
             next_s = min(end_s, *self._ask_at_s.values())
             if not self._inbox:
@@ -97,11 +101,14 @@ class _Broadcast:
             reason = f"did not answer within {timeout_s:g} s at {address}, or does not grant this"
             self._on_result(robot, UnavailableError(reason, robot=robot))
 
-    def _ask(self, transport: Transport, robot: str, left_s: float) -> None:
+    def _ask(self, transport: Transport, robot: str, timeout_s: float) -> None:
         self._sequence += 1
-        header = CallHeader(self._client, 0, self._sequence, left_s, left_s, None, self._arguments)
+        clock = self._clocks.get(robot)
+        method = keys.PING if clock is None and self._method == keys.RESUME else self._method
+        proof = ("", 0.0, 0.0) if clock is None else (clock.era, clock.time_s, 0.0)
+        header = CallHeader(self._client, 0, self._sequence, timeout_s, timeout_s, None, self._arguments, *proof)
         envelope, payload = encode_call(header)
-        key = keys.CallKey(self._config.network_name, robot, keys.ROBOT, self._method, self._caller, self._secret)
+        key = keys.CallKey(self._config.network_name, robot, keys.ROBOT, method, self._caller, self._secret)
         for attachment, content in split(envelope, payload):
             transport.put(keys.call_key(key), attachment, content, is_urgent=True)
 
@@ -111,7 +118,8 @@ class _Broadcast:
         with contextlib.suppress(ProtocolError):
             _, robot = keys.parse_robot(key)
             try:
-                self._enqueue(robot, decode_reply(envelope, payload).answer)
+                reply = decode_reply(envelope, payload)
+                self._enqueue(robot, reply.answer, reply.time)
             except ProtocolError as error:
                 self._enqueue(robot, error)
 
@@ -126,16 +134,18 @@ class _Broadcast:
             except ProtocolError as error:
                 self._enqueue(robot, error)
 
-    def _enqueue(self, robot: str, answer: Answer | None) -> None:
-        self._inbox.append((robot, answer))
+    def _enqueue(self, robot: str, answer: Answer | None, time: RobotTime | None = None) -> None:
+        self._inbox.append((robot, answer, time))
         REAL_TIME.wake(self._waiter)
 
     def _handle_messages(self) -> None:
         while self._inbox:
-            robot, answer = self._inbox.popleft()
+            robot, answer, time = self._inbox.popleft()
             if robot not in self._ask_at_s:
                 continue
-            if answer is None:  # its token appeared
+            if isinstance(answer, dict):  # to a ping
+                self._clocks.setdefault(robot, time)
+            if answer is None or isinstance(answer, dict):  # or its token appeared
                 self._ask_at_s[robot] = REAL_TIME.now()
             else:
                 del self._ask_at_s[robot]

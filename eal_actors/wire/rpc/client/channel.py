@@ -176,13 +176,16 @@ class Channel:
     ) -> None:
         """Send a call; the callback runs in the reader's thread, or at once if the call is refused."""
         controller, stamper = self.controller, self.stamper
-        number = stamper.number()
-        header = CallHeader(stamper.client, stamper.epoch, number, timeout_s, timeout_s, None, arguments)
         try:
             if self.rights is not None:
                 self.rights.check(resource, method)
+            number, era, echo_s, held_s = stamper.number(), "", 0.0, 0.0
+            if method == keys.RESUME:  # a late one would end a stop of which its caller knows nothing
+                number, era, echo_s, held_s = stamper.stamp(REAL_TIME.now())
+            about = stamper.client, stamper.epoch, number, timeout_s, timeout_s, None, arguments
+            header = CallHeader(*about, era, echo_s, held_s)
             envelope, _ = encode_call(header)  # here, since an error would end the thread that sends
-        except (AccessDeniedError, DataError) as error:
+        except (AccessDeniedError, DataError, UnavailableError) as error:
             on_reply(error, None, 0.0, 0.0)
             return
         key = controller.call_key(self.name, resource, method)

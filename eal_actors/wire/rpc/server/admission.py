@@ -10,14 +10,14 @@ import contextlib
 import math
 import threading
 from collections import OrderedDict
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping
 from typing import Final
 
 from eal_actors.actors.call import MOTION_METHODS
 from eal_actors.device.data import EALData
 from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import DeadlineError, EALError, StaleCommandError, UnavailableError
-from eal_actors.wire.format.keys import ANYBODY, certificate_id, client_id
+from eal_actors.wire.format.keys import ANYBODY, ROBOT, certificate_id, client_id
 from eal_actors.wire.format.messages import Answer, CallHeader, CallId
 from eal_actors.wire.format.packing import MAX_CALL_BYTES
 from eal_actors.wire.rpc.freshness import CommandHistory, CommandRecord
@@ -77,11 +77,20 @@ class Admission:
     """Admission control of one robot. Thread: any.
 
     `exclusive` are the resources that one controller at a time may command. `quiet_until_s` is the robot's time before
-    which no controller's silence is too long.
+    which no controller's silence is too long. `overtaken` returns the error of a motion that was sent at a time before
+    the robot's last emergency stop.
     """
 
-    def __init__(self, era: str, exclusive: Iterable[str], dead_man_s: float, clock: Clock = REAL_TIME) -> None:
+    def __init__(
+        self,
+        era: str,
+        exclusive: Iterable[str],
+        dead_man_s: float,
+        clock: Clock = REAL_TIME,
+        overtaken: Callable[[float], EALError | None] = lambda _: None,
+    ) -> None:
         self._clock = clock
+        self._overtaken = overtaken
         self._guard = threading.Lock()
         self._history: CommandHistory[Answer] = CommandHistory(era)
         self._large: OrderedDict[CallId, int] = OrderedDict()
@@ -106,6 +115,8 @@ class Admission:
                     raise DeadlineError(f"{method} came {-left_s:.3f} s too late for its deadline; it was not executed")
                 if method in _CLAIMING:
                     moves = method in MOTION_METHODS
+                    if moves and (stopped := self._overtaken(sent_s)) is not None:
+                        raise stopped
                     self._commanders.command(header.client, resource, now_s, moves=moves)
                     if moves and self.quiet_until_s > (due_s := now_s + self._commanders.dead_man_s):
                         self.quiet_until_s = due_s
@@ -124,6 +135,18 @@ class Admission:
                 self._history.accept(header, resource, self._clock.now())
                 self._history.finish(header.call_id, 1)
             self._commanders.halted(resource)
+
+    def check_resume(self, header: CallHeader) -> None:
+        """Admit the end of an emergency stop.
+
+        Raises StaleCommandError if it is too old, was received before, or was sent before the last stop: who sent it
+        did not know of that one.
+        """
+        with self._guard:
+            sent_s = self._history.accept(header, ROBOT, self._clock.now())
+            self._history.finish(header.call_id, 1)
+        if self._overtaken(sent_s) is not None:
+            raise StaleCommandError("an emergency stop came after this resume was sent: see why, then resume again")
 
     def finish(self, call: CallId, outcome: Answer) -> None:
         """Record the outcome of an admitted command."""

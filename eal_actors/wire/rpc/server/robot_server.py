@@ -75,7 +75,7 @@ class RobotServer:
         self._event_key = keys.event_key(host.fleet, robot.name)
         if exclusive is None:
             exclusive = [name for name, handle in robot.items() if handle.info.types & ResourceType.ACTUATOR]
-        self._admission = Admission(self._era, exclusive, host.network.dead_man_s)
+        self._admission = Admission(self._era, exclusive, host.network.dead_man_s, overtaken=robot.overtaken)
         self._running = RunningCommands()
         self._memories = ControllerMemories(robot.name, is_enabled=host.network.shared_memory)
         self._replies = Replies(robot, self._era, host.outbox, self._memories)
@@ -308,6 +308,7 @@ class RobotServer:
             self._answer_urgently(reply_to, self._robot.stop(reason))
             self._unlogged_stop = reason
         elif method == keys.RESUME:
+            self._admission.check_resume(header)
             self._log_stop()
             self._log.warning("resumed")
             self._answer_urgently(reply_to, self._robot.resume())
