@@ -226,6 +226,7 @@ class ResourceCell:
             have its own thread, or is in another process.
         read_now: the same for readings by controllers, of a resource that implements `glance`: its values take no time.
         open_feed: opens a feed of a remote resource; None where streams poll in this process.
+        denied: returns why the robot does not grant this program a method of a remote resource, None if it does.
     """
 
     def __init__(
@@ -252,6 +253,7 @@ class ResourceCell:
         self.serve_now: Callable[[Call[Any]], bool] | None = None
         self.read_now: Callable[[Call[Any]], bool] | None = None
         self.open_feed: OpenFeed | None = None
+        self.denied: Callable[[str], str | None] = lambda _: None
         self._close_callbacks: set[Callable[[EALError], None]] = set()
         self._is_closed = False
 

@@ -65,6 +65,10 @@ class ResourceHandle:
             raise self._cell.unavailable()
         return self._cell.info
 
+    def denied(self, method: str) -> str | None:
+        """Return why the robot does not grant this program a method; None if it does. Thread: any; does not block."""
+        return self._cell.denied(method)
+
     @property
     def waiting(self) -> MailboxLoad | None:
         """The load of its mailbox; None if that is in another process. Thread: any; does not block."""

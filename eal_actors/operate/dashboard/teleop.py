@@ -18,7 +18,14 @@ from eal_actors.actors.handles import ResourceHandle
 from eal_actors.device.info import ResourceInfo
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import REAL_TIME, Clock, new_waiter
-from eal_actors.kernel.errors import EALError, PreemptedError, ResourceBusyError, StaleCommandError, UnsupportedError
+from eal_actors.kernel.errors import (
+    AccessDeniedError,
+    EALError,
+    PreemptedError,
+    ResourceBusyError,
+    StaleCommandError,
+    UnsupportedError,
+)
 from eal_actors.kernel.log import get_logger
 from eal_actors.operate.dashboard.control import ControlRegistry
 from eal_actors.wire.rpc.server.leases import Commanders
@@ -91,11 +98,12 @@ class Teleop:
 
         Raises:
             UnsupportedError: the robot takes no twist.
+            AccessDeniedError: the robot does not grant this program a twist.
             ResourceBusyError: another browser drives it, or a scenario commands it.
             StaleCommandError: the press has ended.
             EALError: the robot does not exist, or has failed.
         """
-        base = self._base(robot)
+        base = self.base_of(robot)
         now_s = self._clock.now()
         self._halt_silent(now_s)
         with self._lock:
@@ -138,12 +146,16 @@ class Teleop:
         for robot in robots:
             self._halt(robot)
 
-    def _base(self, robot: str) -> ResourceHandle:
+    def base_of(self, robot: str) -> ResourceHandle:
+        """Return the base of a robot that this program may drive; raise as `drive`. Thread: any."""
         handle = self._fleet[robot]
         handle.require_started()
         if DRIVE_RESOURCE not in handle or not takes_twist(handle[DRIVE_RESOURCE].info):
             raise UnsupportedError("cannot be driven by hand: it has no Base that takes a twist", robot=robot)
-        return handle[DRIVE_RESOURCE]
+        base = handle[DRIVE_RESOURCE]
+        if (denied := base.denied("set_value")) is not None:
+            raise AccessDeniedError(denied, robot=robot, resource=DRIVE_RESOURCE)
+        return base
 
     def _end_press(self, robot: str) -> _Press:
         """Thread: holds the lock."""

@@ -5,6 +5,7 @@ The hand's messages go through `Teleop`, so that the robots halt also if this pr
 
 from __future__ import annotations
 
+import contextlib
 import os
 import select
 from collections.abc import Callable, Sequence
@@ -13,7 +14,13 @@ from typing import Final
 
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import REAL_TIME
-from eal_actors.kernel.errors import EALError, StaleCommandError, UnavailableError
+from eal_actors.kernel.errors import (
+    EALError,
+    RobotFailedError,
+    StaleCommandError,
+    UnavailableError,
+    UnsupportedError,
+)
 from eal_actors.operate.dashboard.control import ControlRegistry
 from eal_actors.operate.dashboard.teleop import DRIVE_RESOURCE, Teleop, Twist
 from eal_actors.operate.hands.input_device import InputSource
@@ -63,7 +70,14 @@ class HandDriver:
         self._heard_s = self._sent_s = 0.0
 
     def run(self, source: InputSource) -> None:
-        """Drive by the events of a device. Raises UnavailableError if it was unplugged, or its stream has ended."""
+        """Drive by the events of a device.
+
+        Raises UnavailableError if it was unplugged, or its stream has ended, and AccessDeniedError at once if a robot
+        does not grant this program to drive it.
+        """
+        for robot in self._groups[0]:
+            with contextlib.suppress(RobotFailedError, UnavailableError, UnsupportedError):  # reported with a press
+                self._teleop.base_of(robot)
         sticks, reader = Sticks(source.ranges, self._settings.expo), EventReader()
         self._teleop.start()
         try:

@@ -55,13 +55,16 @@ class Participant:
         self.error = self.error or error
 
     def begin_halt(self, timeout_s: float, only: Collection[str] | None) -> list[tuple[str, Future[int]]]:
-        """Halt its actuators, or only these; return the name and the confirmation of each."""
+        """Halt its actuators, or only these; return the name and the confirmation of each.
+
+        What this program may not halt it may not move either.
+        """
         halts: list[tuple[str, Future[int]]] = []
         for name, resource in self.handle.items():
             if only is not None and name not in only:
                 continue
             try:
-                moves = ResourceType.ACTUATOR in resource.info.types
+                moves = ResourceType.ACTUATOR in resource.info.types and resource.denied("halt") is None
             except UnavailableError:  # it was never up, so it has never moved
                 continue
             if moves:

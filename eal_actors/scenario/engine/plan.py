@@ -128,4 +128,5 @@ def robot_facts(robot: RobotHandle) -> RobotFacts:
             resources[name] = resource.info
         except UnavailableError as error:
             left_out.append(f"{name} {error.message}")
-    return RobotFacts(resources, "".join(f"; left out: {reason}" for reason in left_out))
+    reasons = "".join(f"; left out: {reason}" for reason in left_out)
+    return RobotFacts(resources, reasons, lambda resource, method: robot[resource].denied(method))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from eal_actors.device.info import ResourceInfo, unknown_name
@@ -18,10 +18,15 @@ Wishes = Mapping[str, Sequence[str]]
 
 @dataclass(frozen=True, slots=True)
 class RobotFacts:
-    """The abilities of a robot. `left_out` is why resources may be missing; empty if none is."""
+    """The abilities of a robot.
+
+    `left_out` is why resources may be missing; empty if none is. `denied` returns why the robot does not grant this
+    program a method of a resource; None if it does.
+    """
 
     resources: Mapping[str, ResourceInfo]
     left_out: str = ""
+    denied: Callable[[str, str], str | None] = lambda *_: None
 
 
 @dataclass(frozen=True, slots=True)

@@ -277,6 +277,11 @@ class RobotCheck:
             message = f"{info.name} does not support {method}; it supports {supported}"
             self.report(here, call.method_at.path, message, robots, call.method_at.inside)
             return None
+        denied = {robot: why for robot in robots if (why := self._robots[robot].denied(resource, method)) is not None}
+        for robot, why in denied.items():
+            self.report(here, call.method_at.path, f"{resource} {why}", [robot], call.method_at.inside)
+        if denied:
+            return None
         if call.given is None:
             return info
         key = (method, id(info), repr(call.given))

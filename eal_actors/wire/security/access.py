@@ -209,6 +209,13 @@ class Rights:
         self._calls = frozenset(call for grant in grants for call in _methods_of(grant))
 
     @classmethod
+    def by_file(cls, security: SecurityConfig, robot: str) -> Self:
+        """Return the rights at a robot of the controller of a fleet file, by that file; the robot's own file counts."""
+        name = security.controller
+        grants = [it for it in security.grants if it.name == name and (it.robots is None or robot in it.robots)]
+        return cls(name, grants)
+
+    @classmethod
     def decode(cls, encoded: object, name: str) -> Self | None:
         """Decode the rights that a robot sent; None if everybody has all, ProtocolError if they are malformed."""
         if encoded is None:
@@ -229,8 +236,12 @@ class Rights:
 
     def check(self, resource: str, method: str) -> None:
         """Raise AccessDeniedError unless the robot grants a call."""
+        if (denied := self.denied(resource, method)) is not None:
+            raise AccessDeniedError(denied, resource=None if resource == keys.ROBOT else resource)
+
+    def denied(self, resource: str, method: str) -> str | None:
+        """Return why the robot does not grant a call; None if it does."""
         if self.allows(resource, method):
-            return
+            return None
         what = f"{method} of the robot" if resource == keys.ROBOT else method
-        message = f"does not grant {what} to {self._name!r}, which has {self._roles} there"
-        raise AccessDeniedError(message, resource=None if resource == keys.ROBOT else resource)
+        return f"does not grant {what} to {self._name!r}, which has {self._roles} there"

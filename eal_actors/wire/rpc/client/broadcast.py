@@ -23,6 +23,7 @@ from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import Answer, Arguments, CallHeader, RobotTime, decode_reply, encode_call
 from eal_actors.wire.format.packing import check_version
 from eal_actors.wire.format.parts import split
+from eal_actors.wire.security.access import Rights
 from eal_actors.wire.session import controller_config, open_session
 from eal_actors.wire.transport import Transport
 
@@ -98,8 +99,15 @@ class _Broadcast:
             self._handle_messages()
         for robot in self._ask_at_s:
             address = self._config.robots[robot].address
-            reason = f"did not answer within {timeout_s:g} s at {address}, or does not grant this"
+            reason = f"did not answer within {timeout_s:g} s at {address}, or {self._why_denied(robot)}"
             self._on_result(robot, UnavailableError(reason, robot=robot))
+
+    def _why_denied(self, robot: str) -> str:
+        """Return why a robot may not have granted the method; its own fleet file decides, not that of this program."""
+        security = self._config.network.security
+        if security is None or self._caller == keys.AUTHORITY_CALLER:  # which no fleet file names
+            return "does not grant this"
+        return Rights.by_file(security, robot).denied(keys.ROBOT, self._method) or "does not grant this"
 
     def _ask(self, transport: Transport, robot: str, timeout_s: float) -> None:
         self._sequence += 1

@@ -95,6 +95,10 @@ class Channel:
         """Whether the robot is reachable and the handshake is done; one that has failed answers calls too."""
         return self._view.state in CONNECTED and self.controller.is_alive(self.name)
 
+    def denied(self, resource: str, method: str) -> str | None:
+        """Return why the robot does not grant a method of a resource; None if it does."""
+        return None if self.rights is None else self.rights.denied(resource, method)
+
     def _take_all(self) -> Iterator[SentCall | _Request]:
         for number in list(self.pending):
             if (call := self.pending.pop(number, None)) is not None:

@@ -35,6 +35,7 @@ from eal_actors.wire.local_link import LocalLinks
 from eal_actors.wire.rpc.client.call_sender import CallSender
 from eal_actors.wire.rpc.client.discovery import ForeignRobots
 from eal_actors.wire.rpc.sender import Send, Sender
+from eal_actors.wire.security.access import Rights
 from eal_actors.wire.session import controller_config, open_session
 from eal_actors.wire.transport import Transport
 
@@ -276,17 +277,20 @@ class Controller(EALActor):
                 del self._listeners[listener.name]
                 self.local.disconnect(listener.name)
 
-    def why_silent(self, address: str) -> str:
+    def why_silent(self, robot: str, address: str) -> str:
         """Return why nothing has come from a robot at an address."""
         if self._transport is None and self._network["mode"] == "client":
             return f"cannot be reached: no router answers at {', '.join(self._network['connect']['endpoints'])}"
         others = self.foreign.describe()
         what = f"; robots of another fleet do, which only its own file commands: {others}" if others else ""
-        return f"does not answer at {address}{what}{self._why_refused()}"
+        return f"does not answer at {address}{what}{self._why_refused(robot)}"
 
-    def _why_refused(self) -> str:
-        """Return why no robot accepts this program, as the end of a reason; nothing if its certificate is valid."""
-        wrong = certificate_warnings(self._config.network.security, self._caller, only_invalid=True)
+    def _why_refused(self, robot: str) -> str:
+        """Return why a robot does not accept this program, as the end of a reason; nothing if that is unknown."""
+        security = self._config.network.security
+        wrong = certificate_warnings(security, self._caller, only_invalid=True)
+        if security is not None and Rights.by_file(security, robot).denied(keys.ROBOT, keys.HELLO) is not None:
+            wrong.append(f"the fleet file gives the certificate {self._caller} no role there")
         return "".join(f"; {warning}" for warning in wrong)
 
     def is_alive(self, robot: str) -> bool:
@@ -351,7 +355,7 @@ class Controller(EALActor):
         if listener is not None and is_alive:
             listener.on_alive(version)
         elif listener is not None:
-            listener.on_gone(f"is unreachable{self._why_refused()}")
+            listener.on_gone(f"is unreachable{self._why_refused(name)}")
 
     def _on_reply(self, robot: str, envelope: bytes, payload: bytes) -> None:
         if (listener := self._listeners.get(robot)) is not None:

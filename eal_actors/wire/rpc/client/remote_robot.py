@@ -97,7 +97,7 @@ class RemoteRobot(EALActor):
             if is_busy and self._controller.is_alive(self.name):  # it may be one of a thousand
                 self.actor_inbox.call_later(self.clock.of_real(CONNECT_S), self._stop_waiting)
                 return
-            self._note_lost(f"{self._controller.why_silent(self.address)}; the connection is retried")
+            self._note_lost(f"{self._controller.why_silent(self.name, self.address)}; the connection is retried")
         self.view.started.set(None)
 
     # Callbacks of the controller, in the readers' threads.
@@ -204,6 +204,7 @@ class RemoteRobot(EALActor):
                     self.name, info.name, self.clock, keeper, self._timeout_s, self._link, latch
                 )
                 cell.open_feed = self._feeds.open
+                cell.denied = partial(self._channel.denied, info.name)
             cell.info = info
             cell.actor = self.calls
         for name in cells.keys() - {info.name for info in handshake.infos}:
