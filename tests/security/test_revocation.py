@@ -18,6 +18,7 @@ from typer.testing import CliRunner
 from eal_actors.cli.app import app
 from eal_actors.facade.fleet import Fleet
 from eal_actors.facade.service import RobotService
+from eal_actors.kernel.clock import wall_time
 from eal_actors.kernel.errors import AccessDeniedError, ConfigError, UnavailableError
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.keys import expiry
@@ -39,7 +40,7 @@ from eal_actors.wire.session import controller_config, open_session, router_conf
 from eal_actors.wire.session_keeper import router_session
 from tests.log_lines import log_lines
 from tests.net.links import ask, eventually, free_port
-from tests.net.rig import Rig, ready
+from tests.net.rig import WAIT_S, Rig, ready
 from tests.operate.dashboard.rig import open_dashboard, page_of
 from tests.security.forging import RawClient, as_seen_by, make_keys, raw_client, secure_rig
 
@@ -366,6 +367,23 @@ def test_a_link_ends_with_its_certificate(site: Site) -> None:
     with site.served(), raw_client(site.rig.config, "display") as display:
         assert answers(display)
         assert eventually(lambda: not answers(display))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("late", ["mate", "r1"])
+def test_a_robot_halts_when_a_certificate_expires_while_it_moves(site: Site, late: str) -> None:
+    site.rig.content["network"]["dead_man_s"] = 1.0
+    site.rig.write()
+    make_certificate(site.keys, late, ["127.0.0.1"] if late == "r1" else (), valid=timedelta(seconds=20), force=True)
+    folder_for("r1", site.keys, site.theirs)
+    mate = as_seen_by(site.rig.config, "mate")
+    with site.served() as service, ready(Fleet(mate)) as fleet:  # which sends heartbeats
+        move = fleet["r1"]["Arm"].send_cmd("move60", timeout_s=120.0)
+        assert site.rig.begun("move60")
+        assert isinstance(move.exception(timeout=WAIT_S), UnavailableError)
+        assert wall_time() >= expiry.validity(certificate_file(site.keys, late))[1]
+        assert service.dead_man_trips == {"Arm": 1}
+        assert service.robot["Arm"].get_status().get() == 0
 
 
 def test_the_validity_of_a_certificate_is_read_without_the_library(site: Site) -> None:

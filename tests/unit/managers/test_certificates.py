@@ -154,11 +154,13 @@ def test_the_list_begins_with_the_authority(folder: Path) -> None:
         ("r1.key", "empty", "does not fit r1.pem, or one of both is damaged; make it"),
         ("r1.key", "r2.key", "does not fit r1.pem, or one of both is damaged; make it"),
         ("r1.key", "folder", "cannot be read: Is a directory"),
+        ("ca.pem", "other/ca.pem", "is not signed by ca.pem; make it"),
     ],
 )
 def test_keys_that_cannot_be_used_are_reported(folder: Path, name: str, content: str | None, problem: str) -> None:
     make_certificate(folder, "r1")
     make_certificate(folder, "r2")
+    make_authority(folder / "other", "the same fleet")
     check_keys(folder, "r1")
     file = folder / name
     whole = file.read_text()
@@ -174,7 +176,17 @@ def test_keys_that_cannot_be_used_are_reported(folder: Path, name: str, content:
             file.write_bytes((folder / content).read_bytes())
     with pytest.raises(ConfigError) as error:
         check_keys(folder, "r1")
-    assert str(error.value).startswith(f"{file}: {problem}")
+    wrong = folder / "r1.pem" if content == "other/ca.pem" else file
+    assert str(error.value).startswith(f"{wrong}: {problem}")
+
+
+def test_keys_of_any_date_can_be_used(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A robot without a clock battery starts in the past, and serves once its clock is right."""
+    for days in (-5000, 5000):
+        monkeypatch.setattr("eal_actors.managers.keys.certificates.wall_time", lambda: wall_time() + timedelta(days))  # noqa: B023
+        make_authority(folder, "f", force=True)
+        make_certificate(folder, "r1", force=True)
+        check_keys(folder, "r1")
 
 
 def test_warnings_say_whether_a_certificate_expires_or_has_expired(
