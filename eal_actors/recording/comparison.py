@@ -9,6 +9,7 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Final
 
+from eal_actors.recording.mcap_file import DAMAGED_FILE
 from eal_actors.recording.poses import PoseSample, index_at
 from eal_actors.recording.run_folder import RunFolder
 
@@ -167,4 +168,4 @@ def _format_pose(sample: PoseSample | None) -> str:
 
 def _saved_files(folder: Path) -> set[str]:
     files = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
-    return {name for name in files if name not in _OWN_FILES and not name.startswith(_IGNORED)}
+    return {name for name in files if name not in _OWN_FILES and not name.startswith((*_IGNORED, DAMAGED_FILE))}

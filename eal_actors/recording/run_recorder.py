@@ -20,7 +20,8 @@ from eal_actors.kernel.errors import EALError, UnsupportedError
 from eal_actors.kernel.lock_step import MAX
 from eal_actors.kernel.log import get_logger
 from eal_actors.recording import mcap_file, messages, schemas
-from eal_actors.recording.mcap_file import RECORD_FILE, McapFile, is_whole, pose_topic
+from eal_actors.recording.mcap_file import RECORD_FILE, McapFile, pose_topic
+from eal_actors.recording.mcap_records import StoredMessage, is_whole
 from eal_actors.recording.poses import (
     POSE_PERIOD_S,
     POSE_RESOURCES,
@@ -167,10 +168,14 @@ class RunRecorder:
                     self._newest_s[pose_topic(robot, name)] = sample.time_s + ROUNDING_S
         topics = {topic_of(spec.resource) for spec in self._specs}
         topics |= {mcap_file.TRANSFORMS_TOPIC, mcap_file.FINDINGS_TOPIC}
+
+        def is_wanted(stored: StoredMessage) -> bool:
+            return stored.topic in topics and is_past(stored.time_s)
+
         file = past.run.path / RECORD_FILE
         if self._file is not None and file.exists():
             ours = self._file
-            self._guarded(lambda _: ours.copy(file, lambda topic, time_s: topic in topics and is_past(time_s)))
+            self._guarded(lambda _: ours.copy(file, is_wanted))
             self._newest_s.update({topic: time_s + ROUNDING_S for topic, time_s in ours.newest_s.items()})
 
     @staticmethod
@@ -215,9 +220,9 @@ class RunRecorder:
         self._newest_s[topic] = time_s
         sample = sample._replace(time_s=time_s)
         if name != path_resource(self._infos[robot]):
-            self._guarded(lambda file: mcap_file.write_pose(file, robot, name, sample))
+            self._guarded(lambda file: file.write_all(mcap_file.pose_messages(robot, name, sample)))
             return
-        self._guarded(lambda file: mcap_file.write_path(file, robot, name, sample))
+        self._guarded(lambda file: file.write_all(mcap_file.path_messages(robot, name, sample)))
         try:
             if self._table is not None:
                 self._table.add(robot, sample)
@@ -248,7 +253,7 @@ class RunRecorder:
                     write(self._first_s)
                 self._early.clear()
             fields = event.to_dict()
-            self._guarded(lambda file: mcap_file.write_event(file, fields))
+            self._guarded(lambda file: file.write_all(mcap_file.event_messages(fields)))
             if isinstance(event, StepEnded) and isinstance(event.answer, EALData):
                 self._write_answer(event.record, event.answer)
 
@@ -263,7 +268,7 @@ class RunRecorder:
         """Return a time of the fleet's clock in seconds since the run's start, at least the time of its resumption."""
         return max(self._first_s, clock_s - (self._start_s or 0.0))
 
-    def _guarded(self, write: Callable[[McapFile], None]) -> None:
+    def _guarded(self, write: Callable[[McapFile], object]) -> None:
         """Write, unless an earlier write failed: a full disk must not end the run."""
         if self._file is None:
             return
