@@ -233,7 +233,13 @@ class ResourceInfo:
 
         A request in free text may do anything, such as call a service of ROS 2 or an instant action of an AGV.
         """
-        return self.types == ResourceType.SENSOR or any(request.name == req for request in self.requests)
+        if self.types == ResourceType.SENSOR:
+            return True
+        try:
+            self.parse_request(req)
+        except ArgumentError:
+            return False
+        return True
 
     def parse_command(self, text: str, data: EALData | None) -> tuple[CommandInfo, EALData | None]:
         """Return the command of a text such as `s` or `r45`, and its checked argument, None if it takes none.

@@ -215,6 +215,23 @@ def test_a_reading_under_way_is_asked_again_when_the_link_comes_back(rig: Rig) -
             wire.close()
 
 
+def test_a_request_in_free_text_is_asked_once_and_its_answer_comes_after_the_cut(rig: Rig) -> None:
+    """It was asked again, as a reading is: a service of ROS 2 was called twice."""
+    with servers(rig):
+        wire = Wire(int(rig.content["robots"]["r1"]["address"].rpartition(":")[2]))
+        try:
+            rig.content["robots"]["r1"]["address"] = f"tcp/127.0.0.1:{wire.port}"
+            rig.write()
+            with ready(Fleet(rig.config)) as fleet:
+                request = fleet["r1"]["Line"].send_req("wait0.3", timeout_s=WAIT_S)
+                assert eventually(lambda: rig.notes("asked"))
+                wire.cut()
+                assert request.get(timeout=WAIT_S).value == "wait0.3"
+                assert len(rig.notes("asked")) == 1
+        finally:
+            wire.close()
+
+
 # Floods.
 
 

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from eal_actors.cli.app import app
 from eal_actors.facade.service import RobotService
-from eal_actors.kernel.errors import StaleCommandError, StoppedError
+from eal_actors.kernel.errors import EALError, StaleCommandError, StoppedError
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import ACCEPTED, Answer, CallHeader, encode_call
 from tests.net.links import eventually
@@ -150,6 +150,20 @@ def test_recorded_commands_halts_and_leaves_do_nothing_again(scene: Scene) -> No
     assert recorder.send(leave) == 1
     assert scene.service.robot["Arm"].get_status().get() == 1, "a leave is its sender's alone"
     assert scene.rig.steps() == ["1", "2"]
+
+
+def test_a_recorded_request_in_free_text_does_nothing_again(scene: Scene) -> None:
+    """It counted as a reading: one that came again called a service of ROS 2 twice, and a late one long after it."""
+    recorder = Recorder(scene.controller)
+    request = recorder.write("Line", "send_req", "fetch the cup")
+    assert not isinstance(recorder.send(request), EALError)
+    assert isinstance(recorder.send(request), StaleCommandError)
+    client = scene.controller
+    client.sequence += 1
+    header = CallHeader(client.id, 1, client.sequence, 60.0, 60.0, None, ("drop it",))
+    client.put("Line", "send_req", encode_call(header)[0])
+    assert isinstance(client.answer_to(client.sequence), StaleCommandError)
+    assert bytes(scene.service.robot["Line"].read_comm(100).get().payload) == b"fetch the cup"
 
 
 def test_eal_resume_proves_its_age(scene: Scene) -> None:

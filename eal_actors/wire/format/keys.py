@@ -58,7 +58,8 @@ HALT: Final = "halt"  # resource: stops motion
 STREAM: Final = "stream"  # resource: publishes its values for the time of a lease
 RESOURCE_METHODS: Final = (*METHODS, HALT, STREAM)
 RETRYABLE_METHODS: Final = frozenset({"get_status", "get_value", "get_config", "send_req"})
-"""Methods that change nothing, so that a retry is harmless. `read_comm` consumes bytes and is not one of them."""
+"""Methods that change nothing, so that a retry is harmless. `read_comm` consumes bytes and is not one of them. Nor is
+`send_req` of a request in free text; see `call_arguments.is_action`."""
 
 COMMANDS: Final = frozenset(METHODS) - RETRYABLE_METHODS
 """Methods that change something, so that each call is carried out once at most."""

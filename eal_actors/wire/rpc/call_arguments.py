@@ -91,14 +91,17 @@ def check_arguments(method: str, plain: Arguments, data: EALData | None) -> None
         raise ProtocolError(f"{method} does not take the arguments {plain!r}{'' if data is None else ' and a value'}")
 
 
-def check_request(rights: Rights | None, call: CallKey, info: ResourceInfo, arguments: Arguments) -> None:
-    """Raise AccessDeniedError for a request that may move something, of a caller that may not command the resource.
+def is_action(method: str, info: ResourceInfo | None, arguments: Iterable[object]) -> bool:
+    """Return whether a call is a request in free text, which may do anything, and so is carried out once at most."""
+    return method == "send_req" and info is not None and not all(info.is_reading(str(req)) for req in arguments)
+
+
+def check_action(rights: Rights | None, call: CallKey) -> None:
+    """Raise AccessDeniedError for a request in free text of a caller that may not command the resource.
 
     The engine's access control knows the methods alone, and lets observers send requests.
     """
-    if rights is None or rights.allows(call.resource, "send_cmd"):
-        return
-    if not all(info.is_reading(str(req)) for req in arguments):
+    if rights is not None and not rights.allows(call.resource, "send_cmd"):
         message = f"does not grant a request in free text to {call.caller!r}, which may not command it"
         raise AccessDeniedError(message, resource=call.resource)
 

@@ -31,7 +31,7 @@ from eal_actors.wire.format.messages import (
     decode_reply,
     encode_fields,
 )
-from eal_actors.wire.rpc.call_arguments import is_small, split_arguments
+from eal_actors.wire.rpc.call_arguments import is_action, is_small, split_arguments
 from eal_actors.wire.rpc.client.call_sender import EncodedCall
 from eal_actors.wire.rpc.client.channel import Channel, SentCall
 from eal_actors.wire.rpc.client.command_tracking import CommandTracker
@@ -41,8 +41,8 @@ AT_ONCE: Final = 128
 """Calls in flight from which on callers of a robot with a local link leave their calls to the sender, which then waits
 for replies: so few small ones always have room in the link, and a caller that sends waits for nothing."""
 
-_TTL_S: Final = 1.0
-"""Time to live of a command: its greatest age when the robot begins it, in real seconds."""
+_TTL_S: Final = dict.fromkeys((*keys.COMMANDS, keys.HALT), 1.0)
+"""Time to live of a command: its greatest age when the robot begins it, in real seconds; of others their deadline."""
 
 _NO_VALUE: Final = (), (None,)
 """Ends of the arguments of most calls."""
@@ -153,7 +153,7 @@ class CallQueue:
                 self._normal.remove(call)
                 self._forget(call)
                 return
-        if call.method not in keys.RETRYABLE_METHODS:
+        if not _is_reading(call):
             self._channel.run_soon(lambda: self._cancel(call))
 
     def _cancel(self, call: Call[Any]) -> None:
@@ -218,12 +218,12 @@ class CallQueue:
         start_s, stamper = call.start_s, channel.stamper
         try:
             plain, data = split_arguments(call) if call.arguments else ((), None)
-            if method in keys.RETRYABLE_METHODS:
+            if _is_reading(call):
                 number, ttl_s, proof = stamper.number(), left_s, NO_PROOF
             else:
                 number, era, echo_s, held_s = stamper.stamp(now_s)
                 call_id = tuple.__new__(CallId, (stamper.client, stamper.epoch, number))
-                ttl_s, proof = _TTL_S, (era, echo_s, held_s, "")
+                ttl_s, proof = _TTL_S.get(method, left_s), (era, echo_s, held_s, "")
                 if data is not None or start_s is not None:
                     start_s, data = channel.to_robot_time(start_s, data)
             if span is not None:
@@ -371,3 +371,8 @@ class CallQueue:
         for call in calls:
             call.fail(error.copy())
         self._lose_all()
+
+
+def _is_reading(call: Call[Any]) -> bool:
+    """Return whether a call changes nothing, so that it may be repeated."""
+    return call.method in keys.RETRYABLE_METHODS and not is_action(call.method, call.cell.info, call.arguments)

@@ -41,7 +41,7 @@ from eal_actors.wire.format.messages import (
     encode_event,
 )
 from eal_actors.wire.local_link import LocalLink
-from eal_actors.wire.rpc.call_arguments import check_arguments, check_request, is_stop, start_call
+from eal_actors.wire.rpc.call_arguments import check_action, check_arguments, is_action, is_stop, start_call
 from eal_actors.wire.rpc.server.admission import Admission
 from eal_actors.wire.rpc.server.outbox import Replies, ReplyBatch, ReplyTo
 from eal_actors.wire.rpc.server.request_handler import HostServices, RequestHandler
@@ -211,7 +211,10 @@ class RobotServer:
             self._serve_robot(call, reply_to, header)
             return
         handle = self._handles.get(call.resource) or self._handle(call.resource)
-        if route.is_reading:
+        if is_action(call.method, handle.info, header.arguments):
+            check_action(Rights.decode(self._rights, call.caller), call)
+            self._serve_command(handle, call, reply_to, header, data)
+        elif route.is_reading:
             self._serve_reading(handle, call, reply_to, header, data)
         elif call.method in keys.COMMANDS and not is_stop(handle, call.method, header):
             self._serve_command(handle, call, reply_to, header, data)
@@ -226,8 +229,6 @@ class RobotServer:
             raise _too_late(method)
         if method != "get_value" or header.arguments:
             check_arguments(method, header.arguments, data)
-            if method == "send_req":
-                check_request(Rights.decode(self._rights, call.caller), call, handle.info, header.arguments)
         is_brief = method == "get_value" and handle.reads_now  # perhaps in this thread, which must not wait for a link
         send = self._outbox.publish_briefly if is_brief else self._outbox.publish_from_here
         answer = partial(self._replies.answer_reading, reply_to, header.client, send)

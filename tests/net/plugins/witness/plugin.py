@@ -206,11 +206,12 @@ class Eye(api.Resource):
 
 
 class Line(api.Resource):
-    """A line that gives back what was written to it; a request is written too."""
+    """A line that gives back what was written to it; a request is written too, `wait0.3` after 0.3 s."""
 
     types = api.ResourceType.COMMUNICATION
 
-    def __init__(self) -> None:
+    def __init__(self, notebook: Notebook) -> None:
+        self._notebook = notebook
         self._bytes = b""
 
     def read_comm(self, length: int) -> bytes:
@@ -222,6 +223,9 @@ class Line(api.Resource):
         return length
 
     def send_req(self, req: str) -> str:
+        if req.startswith("wait"):
+            self._notebook.note("asked", req)
+            self._notebook.clock.sleep(float(req.removeprefix("wait")))
         self._bytes += req.encode()
         return req
 
@@ -293,8 +297,8 @@ def create_Eye(context: api.PluginContext) -> Eye:
 def destroy_Eye(resource: Eye) -> None: ...
 
 
-def create_Line() -> Line:
-    return Line()
+def create_Line(context: api.PluginContext) -> Line:
+    return Line(context.plugin.notebook)
 
 
 def destroy_Line(resource: Line) -> None: ...
