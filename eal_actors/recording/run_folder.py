@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -90,6 +91,8 @@ class RunFolder:
         try:
             for row in rows:
                 sample = PoseSample(*(float(row[name]) for name in PoseSample._fields))
+                if not all(map(math.isfinite, sample)):
+                    raise ValueError("its numbers must be finite")
                 found.setdefault(row["robot"], []).append(sample)
         except (KeyError, ValueError, TypeError, csv.Error) as error:
             raise ScenarioError(f"{file}:{rows.line_num}: is no table of paths: {error_text(error)}") from error

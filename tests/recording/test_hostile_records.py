@@ -13,7 +13,7 @@ import pytest
 import zstandard
 
 from eal_actors.kernel.errors import ScenarioError
-from eal_actors.recording import RunFolder, render_report
+from eal_actors.recording import RunFolder, compare_runs, path_deviations, render_report, repair_record
 from eal_actors.recording.mcap_file import read_mcap
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -87,3 +87,25 @@ def test_a_scenario_that_is_no_text_has_no_outline(run: Path, tmp_path: Path) ->
     shutil.copytree(run, folder)
     (folder / "scenario.yaml").write_bytes(b"\xff\xfe")
     assert 'id="outline"' not in render_report(RunFolder.open(folder))
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "1e400"])
+@pytest.mark.parametrize("column", [1, 2, 4])
+def test_numbers_of_paths_are_finite(run: Path, tmp_path: Path, column: int, value: str) -> None:
+    """`eal diff` found no difference to a path of NaN."""
+    folder = tmp_path / "run"
+    shutil.copytree(run, folder)
+    table = folder / "trajectory.csv"
+    lines = table.read_text(encoding="utf-8").splitlines()
+    row = lines[9].split(",")
+    row[column] = value
+    table.write_text("\n".join([*lines[:9], ",".join(row), *lines[10:], ""]), encoding="utf-8")
+    broken, whole = RunFolder.open(folder), RunFolder.open(run)
+    for use in (
+        lambda: render_report(broken),
+        lambda: list(compare_runs(broken, whole)),
+        lambda: path_deviations(broken, whole),
+        lambda: repair_record(folder),
+    ):
+        with pytest.raises(ScenarioError, match=r"trajectory\.csv:10: is no table of paths: .* must be finite"):
+            use()
