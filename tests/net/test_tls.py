@@ -206,13 +206,35 @@ def test_a_certificate_without_a_role_opens_nothing(served: Served, name: str) -
         assert served.asked == []
 
 
-def test_a_certificate_of_another_authority_is_refused(served: Served, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["controller", "display", "r1"])
+def test_a_certificate_of_another_authority_is_refused(served: Served, tmp_path: Path, name: str) -> None:
+    """That of another fleet with the same names, which is served and commanded elsewhere."""
     make_authority(tmp_path / "keys", "f")
-    make_certificate(tmp_path / "keys", "controller")
+    make_certificate(tmp_path / "keys", name, ["127.0.0.1"])
     addresses = {name: robot.address for name, robot in served.fleet.robots.items()}
     forged = secured(tmp_path, addresses)
 
-    check_refused(served, controller_config(forged))
+    check_refused(served, controller_config(as_seen_by(forged, name)))
+
+
+def test_a_robot_of_another_authority_is_refused(keys: Path, tmp_path: Path) -> None:
+    """It has the robot's name, listens at its address, and would take its commands."""
+    make_authority(tmp_path / "keys", "f")
+    make_certificate(tmp_path / "keys", "r1", ["127.0.0.1"])
+    addresses = {name: f"tls/127.0.0.1:{free_port()}" for name in ("r1", "r2")}
+    fleet, forged, asked = secured(keys, addresses), secured(tmp_path, addresses), list[str]()
+
+    with (
+        open_session(robot_config(forged, "r1")) as robot,
+        answering(robot, "r1", asked),
+        open_session(robot_config(fleet, "r2")) as honest,
+        answering(honest, "r2"),
+        open_session(controller_config(fleet)) as controller,
+    ):
+        assert eventually(lambda: ask_each(controller, "_/ping", "controller") == ["r2"])
+        assert ask(controller, "eal/f/r1/Wheels/send_cmd", "controller") == []
+        assert list(controller.info.peers_zid()) == [honest.zid()]
+        assert asked == []
 
 
 def test_no_certificate_is_refused(served: Served) -> None:

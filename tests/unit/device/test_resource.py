@@ -98,6 +98,12 @@ def test_info_is_made_of_what_the_class_says() -> None:
     assert [(c.name, c.writable) for c in info.configs] == [("speed", True), ("serial", False)]
 
 
+@pytest.mark.parametrize(("req", "reads"), [("joint3", True), ("joint9", False), ("joint", False), ("fetch", False)])
+def test_a_request_reads_if_it_is_declared(req: str, reads: bool) -> None:
+    """With its argument too: `joint3` was taken for free text, which an observer may not send."""
+    assert Arm().info().is_reading(req) is reads
+
+
 def test_info_survives_json() -> None:
     info = Arm().info()
     assert ResourceInfo.from_dict(json.loads(json.dumps(info.to_dict()))) == info
