@@ -91,9 +91,9 @@ def check_arguments(method: str, plain: Arguments, data: EALData | None) -> None
         raise ProtocolError(f"{method} does not take the arguments {plain!r}{'' if data is None else ' and a value'}")
 
 
-def is_action(method: str, info: ResourceInfo | None, arguments: Iterable[object]) -> bool:
-    """Return whether a call is a request in free text, which may do anything, and so is carried out once at most."""
-    return method == "send_req" and info is not None and not all(info.is_reading(str(req)) for req in arguments)
+def is_action(info: ResourceInfo | None, arguments: Iterable[object]) -> bool:
+    """Return whether a `send_req` is in free text: it may do anything, and so is carried out once at most."""
+    return info is not None and not all(info.is_reading(str(req)) for req in arguments)
 
 
 def check_action(rights: Rights | None, call: CallKey) -> None:

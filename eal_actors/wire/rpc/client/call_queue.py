@@ -375,4 +375,6 @@ class CallQueue:
 
 def _is_reading(call: Call[Any]) -> bool:
     """Return whether a call changes nothing, so that it may be repeated."""
-    return call.method in keys.RETRYABLE_METHODS and not is_action(call.method, call.cell.info, call.arguments)
+    if call.method == "send_req":
+        return not is_action(call.cell.info, call.arguments)
+    return call.method in keys.RETRYABLE_METHODS

@@ -211,7 +211,7 @@ class RobotServer:
             self._serve_robot(call, reply_to, header)
             return
         handle = self._handles.get(call.resource) or self._handle(call.resource)
-        if is_action(call.method, handle.info, header.arguments):
+        if call.method == "send_req" and is_action(handle.info, header.arguments):
             check_action(Rights.decode(self._rights, call.caller), call)
             self._serve_command(handle, call, reply_to, header, data)
         elif route.is_reading:
