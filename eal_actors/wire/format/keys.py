@@ -225,10 +225,12 @@ def parse_route(key: str) -> CallRoute:
 
 @lru_cache(maxsize=4096)
 def route_in_batch(key: str, robot: str, resource: str, method: str) -> CallRoute:
-    """Return the route of a call in a batch with that key; ProtocolError if there is no such method."""
-    route = parse_route(key)
-    call = _checked_call(route.call._replace(robot=robot, resource=resource, method=method), key)
-    return route._replace(call=call, is_reading=_is_reading(call))
+    """Return the route of a call in a batch with that key, whose reply goes to the robot of the call alone.
+
+    Raises ProtocolError if there is no such method, or a name is empty.
+    """
+    fleet, _, _, _, caller, client = parse_route(key).call
+    return parse_route(call_key(CallKey(fleet, robot, resource, method, caller, client)))
 
 
 def _is_reading(call: CallKey) -> bool:

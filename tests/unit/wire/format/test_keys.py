@@ -96,6 +96,14 @@ def test_what_means_no_call_is_refused(key: str, message: str) -> None:
         keys.parse_route(key)
 
 
+def test_the_reply_to_each_call_of_a_batch_goes_to_its_own_robot() -> None:
+    first = CallKey("lab", "r1", "Eye", "get_value", "_", CLIENT)
+    for robot in ("r1", "r2"):
+        route = keys.route_in_batch(keys.call_key(first), robot, "Arm", "send_cmd")
+        assert route == keys.parse_route(keys.call_key(first._replace(robot=robot, resource="Arm", method="send_cmd")))
+        assert keys.parse_robot(route.answer_key) == ("lab", robot)
+
+
 @pytest.mark.parametrize("names", [("", "r", "S", "halt"), ("f", "", "S", "halt"), ("f", "r", "", "halt")])
 def test_an_empty_name_has_no_key(names: tuple[str, str, str, str]) -> None:
     with pytest.raises(ProtocolError, match="empty name"):
