@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -186,50 +188,50 @@ def test_who_is_there_is_up_before_the_absent_are_given_up(tmp_path: Path) -> No
 # Links.
 
 
-def test_a_reading_under_way_is_asked_again_when_the_link_comes_back(rig: Rig) -> None:
+@contextmanager
+def over_a_wire(rig: Rig) -> Iterator[tuple[Wire, Fleet]]:
+    """Serve the robots, and connect to the first through a wire that can be cut."""
     with servers(rig):
         wire = Wire(int(rig.content["robots"]["r1"]["address"].rpartition(":")[2]))
         try:
             rig.content["robots"]["r1"]["address"] = f"tcp/127.0.0.1:{wire.port}"
             rig.write()
             with ready(Fleet(rig.config)) as fleet:
-                gauge = fleet["r1"]["Gauge"]
-
-                def is_answered_after_a_cut() -> bool:
-                    reading = gauge.send_req("slow0.3", timeout_s=WAIT_S)
-                    assert eventually(lambda: len(rig.notes("slow")) > asked)
-                    wire.cut()
-                    error = reading.exception(timeout=WAIT_S)
-                    assert error is None or isinstance(error, UnavailableError), repr(error)
-                    assert becomes(fleet["r1"], RobotState.READY)
-                    return error is None
-
-                for _ in range(10):  # on a busy machine the link may return after the wait
-                    asked = len(rig.notes("slow"))
-                    if is_answered_after_a_cut():
-                        break
-                else:
-                    raise AssertionError("no reading was asked again")
-                assert len(rig.notes("slow")) > asked + 1
+                yield wire, fleet
         finally:
             wire.close()
+
+
+def test_a_reading_under_way_is_asked_again_when_the_link_comes_back(rig: Rig) -> None:
+    with over_a_wire(rig) as (wire, fleet):
+        gauge = fleet["r1"]["Gauge"]
+
+        def is_answered_after_a_cut() -> bool:
+            reading = gauge.send_req("slow0.3", timeout_s=WAIT_S)
+            assert eventually(lambda: len(rig.notes("slow")) > asked)
+            wire.cut()
+            error = reading.exception(timeout=WAIT_S)
+            assert error is None or isinstance(error, UnavailableError), repr(error)
+            assert becomes(fleet["r1"], RobotState.READY)
+            return error is None
+
+        for _ in range(10):  # on a busy machine the link may return after the wait
+            asked = len(rig.notes("slow"))
+            if is_answered_after_a_cut():
+                break
+        else:
+            raise AssertionError("no reading was asked again")
+        assert len(rig.notes("slow")) > asked + 1
 
 
 def test_a_request_in_free_text_is_asked_once_and_its_answer_comes_after_the_cut(rig: Rig) -> None:
     """It was asked again, as a reading is: a service of ROS 2 was called twice."""
-    with servers(rig):
-        wire = Wire(int(rig.content["robots"]["r1"]["address"].rpartition(":")[2]))
-        try:
-            rig.content["robots"]["r1"]["address"] = f"tcp/127.0.0.1:{wire.port}"
-            rig.write()
-            with ready(Fleet(rig.config)) as fleet:
-                request = fleet["r1"]["Line"].send_req("wait0.3", timeout_s=WAIT_S)
-                assert eventually(lambda: rig.notes("asked"))
-                wire.cut()
-                assert request.get(timeout=WAIT_S).value == "wait0.3"
-                assert len(rig.notes("asked")) == 1
-        finally:
-            wire.close()
+    with over_a_wire(rig) as (wire, fleet):
+        request = fleet["r1"]["Line"].send_req("wait0.3", timeout_s=WAIT_S)
+        assert eventually(lambda: rig.notes("asked"))
+        wire.cut()
+        assert request.get(timeout=WAIT_S).value == "wait0.3"
+        assert len(rig.notes("asked")) == 1
 
 
 # Floods.
